@@ -37,7 +37,8 @@ from .spectral_weights import spectral_weights
 
 HORIZON_SHARES = (0.15, 0.4, 1.0)
 """[share of each record] Fitted one after the other, as the misfit of a whole record has more
-minima. Source: judgement; fewer steps ended in more minima."""
+minima. Source: fewer steps ended in more minima; half and double change no answer of
+docs/what_decides.md."""
 
 HOPELESS_RATIO = 10.0
 """[1] Times its share of the cost to beat that a model may leave of the first part of the

@@ -21,13 +21,14 @@ from .fit import Fit, refit
 from .spectral_weights import spectral_weights
 
 STARTS = 48
-"""[1] Random initial states that are tried. Source: judgement; no study is recorded."""
+"""[1] Random initial states that are tried. Source: docs/what_decides.md: half and double
+change no answer."""
 START_SPREADS = (1.0, 2.0, 4.0)
 """[root mean squares of the motion] Spreads of the random initial states, in turn. Source:
-judgement; no study is recorded."""
+docs/what_decides.md: half and double change no answer."""
 MULTISTART_HORIZONS = (0.1, 0.3, 1.0)
 """[share of the record] Fitted one after the other from each random state. Source:
-judgement; no study is recorded."""
+docs/what_decides.md: half and double change no answer."""
 BEGINNING_SHARE = 0.2
 """[share of the first periods] From which initial states are estimated. Source: judgement;
 no study is recorded."""

@@ -17,7 +17,8 @@ from .prior import Prior
 from .spectral_weights import SpectralWeights
 
 MAX_STEPS = 20
-"""[steps] Of one fit at most. Source: judgement; no study is recorded."""
+"""[steps] Of one fit at most. Source: docs/what_decides.md: half and double change no
+answer."""
 MIN_GAIN = 0.02
 """[chi squared] Expected gain below which a step is not worth taking. Source: 0.02 moves a
 parameter by a seventh of its standard deviation at most."""
@@ -25,8 +26,8 @@ RELATIVE_MIN_GAIN = 2e-5
 """[share of chi squared] The same where models are only compared. Source:
 docs/decisions/0022; of 150,000 samples it is three."""
 WRONG_MODEL_CHI2 = 3.0
-"""[noise variances] Mean square from which a model is wrong rather than a little off.
-Source: judgement; no study is recorded."""
+"""[noise variances] Mean square from which a model is wrong rather than a little off. Source:
+docs/what_decides.md: half and double change no answer."""
 EXCESS_MIN_GAIN = 1e-3
 """[share of chi squared beyond noise] Expected gain below which a step is not worth taking.
 Source: docs/decisions/0028."""
@@ -36,16 +37,17 @@ creeps along its valleys. Source: docs/decisions/0020."""
 MAX_SLOW_STEPS = 2
 """[steps] Slow ones in a row that end a fit. Source: docs/decisions/0020."""
 MIN_STEPS = 3
-"""[steps] Before a fit may be called hopeless. Source: judgement; no study is recorded."""
+"""[steps] Before a fit may be called hopeless. Source: docs/what_decides.md: half and double
+change no answer."""
 HOPED_STEPS = 10.0
-"""[steps] As large as the last one that a fit may still hope for. Source: judgement; no
-study is recorded."""
+"""[steps] As large as the last one that a fit may still hope for. Source: docs/what_decides.md:
+half and double change no answer."""
 DAMPING_FACTOR = 4.0
 """[1] On the damping after a step in vain, doubled with each further one. Source: Nielsen
 (1999) doubles in the same way."""
 MIN_RAISED_DAMPING = 1e-5
-"""[1] Damping of the scaled normal equations from which it is raised. Source: judgement; no
-study is recorded."""
+"""[1] Damping of the scaled normal equations from which it is raised. Source:
+docs/what_decides.md: half and double change no answer."""
 MAX_DAMPING = 1e8
 """[1] Damping of the scaled normal equations from which no shorter step is tried. Source: steps
 are then a hundred-millionth of the gradient."""

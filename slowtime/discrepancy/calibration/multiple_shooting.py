@@ -36,13 +36,13 @@ FIRST_PERIODS = 5.0
 chosen on hidden cases."""
 MULTISTART_SHARE = 0.05
 """[share of the segments] Up to which outlying ones are fitted from many initial states.
-Source: judgement; no study is recorded."""
+Source: docs/what_decides.md: half and double change no answer."""
 OUTLYING_RATIO = 30.0
 """[1] Times the median chi squared per sample from which a segment is outlying. Source:
-judgement; no study is recorded."""
+docs/what_decides.md: half and double change no answer."""
 OUTLIER_ROUNDS = 3
-"""[1] Refits of the constants without the outlying segments at most. Source: judgement; no
-study is recorded."""
+"""[1] Refits of the constants without the outlying segments at most. Source:
+docs/what_decides.md: half and double change no answer."""
 RIGID_FREQUENCY = 1e-6
 """[share of the highest natural frequency] Below which a motion is rigid. Source: square
 root of the rounding error of an eigenvalue, with margin."""

@@ -40,13 +40,14 @@ from .library_fit import Candidate, is_applicable, label_of
 from .parameter_scan import concatenate_motions, is_possible, scale_to_strength
 
 MIN_COSINE_SQUARED = 0.9
-"""[1] Between what moved constants add and the linear part of a law, from which the law may
-be what moved them. Source: judgement; no study is recorded."""
+"""[1] Between what moved constants add and the linear part of a law, from which the law may be
+what moved them. Source: docs/what_decides.md: half and double change no answer."""
 MAX_SHAPES = 12
-"""[1] Shapes of each law that are run freely. Source: judgement; no study is recorded."""
+"""[1] Shapes of each law that are run freely. Source: docs/what_decides.md: half and double
+change no answer."""
 MAX_ELEMENTS = 2
 """[1] Elements that are looked at, those with the most moved constants first. Source:
-judgement; no study is recorded."""
+docs/what_decides.md: half and double change no answer."""
 MAX_LAWS = 4
 """[1] Laws that are proposed where constants leave nothing. Source: docs/decisions/0024."""
 MAX_OTHER_CONSTANTS = 4

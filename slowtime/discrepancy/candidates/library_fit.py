@@ -30,14 +30,16 @@ from .parameter_scan import best_effect, best_within_tolerances, effect_forces, 
 
 PLACE_RATIO = 1.5
 """[1] Times what a free force at the best place leaves, above which a place is passed over.
-Source: judgement; no study is recorded."""
+Source: docs/what_decides.md, which has the cases where it decides."""
 PLACE_OFFSET = 0.2
-"""[noise variances] Added to that. Source: judgement; no study is recorded."""
+"""[noise variances] Added to that. Source: docs/what_decides.md: half and double change no
+answer."""
 MAX_STARTS = 40
-"""[1] Candidates for which a start of the fit is computed. Source: judgement; no study is
-recorded."""
+"""[1] Candidates for which a start of the fit is computed. Source: docs/what_decides.md: half
+and double change no answer."""
 MAX_CONSTANT_FACTOR = 20.0
-"""[1] By which a start may change a constant. Source: judgement; no study is recorded."""
+"""[1] By which a start may change a constant. Source: docs/what_decides.md: half and double
+change no answer."""
 OFFSET, GAIN = "input_bias", "input_gain"
 """Kinds that are no rivals of others where a structure floats: see `floating`."""
 MISPLACED = "sensor_misplaced"
@@ -46,17 +48,17 @@ WEAK_SHARE = 0.1
 """[share of the best place's gain] Below which a place is passed over where several forces
 act. Source: judgement; no study is recorded."""
 TWIN_RATIO = 2.0
-"""[1] Times `PLACE_RATIO` for a place whose transfer is parallel to that of the best.
-Source: judgement; no study is recorded."""
+"""[1] Times `PLACE_RATIO` for a place whose transfer is parallel to that of the best. Source:
+docs/what_decides.md: half and double change no answer."""
 TONAL_SHARE = 0.8
-"""[share of the residual power] From which the residual is one line. Source: judgement; no
-study is recorded."""
+"""[share of the residual power] From which the residual is one line. Source:
+docs/what_decides.md: half and double change no answer."""
 TONAL_LINES = 4
 """[lines] On either side that belong to it. Source: main lobe of a rectangular window, with
 margin."""
 HOPELESS_RATIO = 5.0
 """[1] Times chi squared of the best law that a place must leave to be passed over. Source:
-judgement; no study is recorded."""
+docs/what_decides.md: half and double change no answer."""
 
 
 Label = tuple[str, Place]

@@ -18,17 +18,20 @@ Series = Float[np.ndarray, " _"]
 Demodulated = tuple[Complex[np.ndarray, " _"], Float[np.ndarray, " _"]]
 
 MAX_LINES = 4
-"""[lines] Of each record that are looked at. Source: judgement; no study is recorded."""
+"""[lines] Of each record that are looked at. Source: docs/what_decides.md: half and double
+change no answer."""
 MAX_FREQUENCIES = 2
-"""[1] That are proposed for each line. Source: judgement; no study is recorded."""
+"""[1] That are proposed for each line. Source: docs/what_decides.md: half and double change no
+answer."""
 BLOCKS = 64
 """[1] Parts of a record over which a demodulated force is summed. Source: speed; frequencies
 within 1/length of a line turn by less than a tenth in one part."""
 STEPS_PER_LINE = 8
-"""[1] Steps of the frequency over one spacing of lines. Source: judgement; no study is
-recorded."""
+"""[1] Steps of the frequency over one spacing of lines. Source: docs/what_decides.md: half and
+double change no answer."""
 REFINEMENTS = 2
-"""[1] Times the step is refined by as much. Source: judgement; no study is recorded."""
+"""[1] Times the step is refined by as much. Source: docs/what_decides.md: half and double
+change no answer."""
 MAX_STEPS = 4000
 """[1] Frequencies of one scan at most. Source: bounds memory."""
 

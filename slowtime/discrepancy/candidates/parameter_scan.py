@@ -32,41 +32,44 @@ DIFFERENCE_STEP = 1e-4
 """[1] Step of a parameter of a sensor or an input for a difference of its effect. Source:
 near the cube root of double precision, with margin for noise of the series."""
 MIN_FACTOR = 0.01
-"""[1] That a factor of a series must leave: less is another series. Source: judgement; no
-study is recorded."""
+"""[1] That a factor of a series must leave: less is another series. Source:
+docs/what_decides.md: half and double change no answer."""
 IDLE_SHARE = 0.02
-"""[share of a series] Below which a change of it is none. Source: judgement; no study is
-recorded."""
+"""[share of a series] Below which a change of it is none. Source: docs/what_decides.md: half
+and double change no answer."""
 STILL_HZ = 1e-12
 """[Hz] A frequency at which nothing turns. Source: one turn in 30,000 years."""
 COARSE_TURN = 0.1
-"""[turns over the campaign] By which a frequency is moved at first. Source: judgement; no
-study is recorded."""
+"""[turns over the campaign] By which a frequency is moved at first. Source:
+docs/what_decides.md: half and double change no answer."""
 FREQUENCY_REFINEMENTS = 3
-"""[1] Times that step is refined, by four. Source: judgement; no study is recorded."""
+"""[1] Times that step is refined, by four. Source: docs/what_decides.md: half and double change
+no answer."""
 LOUDEST_LINES = 2
-"""[lines] Of each record about which a tone is looked for. Source: judgement; no study is
-recorded."""
+"""[lines] Of each record about which a tone is looked for. Source: docs/what_decides.md: half
+and double change no answer."""
 REFINEMENTS = 4
-"""[1] Times an instant or a resonance is refined at most. Source: judgement; no study is
-recorded."""
+"""[1] Times an instant or a resonance is refined at most. Source: docs/what_decides.md: half
+and double change no answer."""
 RESONANCE_STEP = 0.12
-"""[1] Relative step of a resonance at first. Source: judgement; no study is recorded."""
+"""[1] Relative step of a resonance at first. Source: docs/what_decides.md: half and double
+change no answer."""
 MIN_INSTANT_STEP_S = 0.02
-"""[s] Spacing of instants at which the refinement ends. Source: judgement; no study is
-recorded."""
+"""[s] Spacing of instants at which the refinement ends. Source: docs/what_decides.md: half and
+double change no answer."""
 MAX_START_SHAPES = 4
 """[1] Shapes of a law to begin a fit with, where none is known to be the best. Source:
-judgement; no study is recorded."""
+docs/what_decides.md: half and double change no answer."""
 
 SCAN_CHANGE = 0.5
-"""[1] Relative change of a series from one scanned value to the next. Source: judgement; no
-study is recorded."""
+"""[1] Relative change of a series from one scanned value to the next. Source:
+docs/what_decides.md: half and double change no answer."""
 SCAN_VALUES = 16
-"""[1] Values that are scanned on either side. Source: judgement; no study is recorded."""
+"""[1] Values that are scanned on either side. Source: docs/what_decides.md: half and double
+change no answer."""
 GAUSS_NEWTON_STEPS = 5
-"""[steps] Of Gauss and Newton from the best of them. Source: judgement; no study is
-recorded."""
+"""[steps] Of Gauss and Newton from the best of them. Source: docs/what_decides.md: half and
+double change no answer."""
 
 Shape = Mapping[str, float]
 Column = Float[np.ndarray, "time column"]

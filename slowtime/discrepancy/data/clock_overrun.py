@@ -13,8 +13,8 @@ from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.effects import Effect, Kind, SensorChange
 
 OVERRUN_MARGIN = 1.1
-"""[1] Times the overrun of a first guess of the clock that is masked, as the guess may be
-low. Source: judgement; no study is recorded."""
+"""[1] Times the overrun of a first guess of the clock that is masked, as the guess may be low.
+Source: docs/what_decides.md: half and double change no answer."""
 INTERPOLATION_SAMPLES = 8
 """[samples] On either side from which a value between samples is interpolated. Source: reach
 of the interpolation in `slowtime.signals`."""

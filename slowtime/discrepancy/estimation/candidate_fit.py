@@ -51,19 +51,20 @@ MAX_CANDIDATES = 6
 """[candidates] Refitted in one round at most. Source: docs/decisions/0023."""
 MAX_PER_PLACE = 4
 """[candidates] Refitted at one place at most, where there are more than `FEW_PLACES`. Source:
-judgement; no study is recorded."""
+docs/what_decides.md: half and double change no answer."""
 MAX_PER_KIND = 2
-"""[candidates] Of one kind that are refitted at most. Source: judgement; no study is
-recorded."""
+"""[candidates] Of one kind that are refitted at most. Source: docs/what_decides.md: half and
+double change no answer."""
 FEW_PLACES = 4
 """[places] Up to which none of the refits is reserved for other places. Source:
-docs/decisions/0019 for the rule; the value is judgement."""
+docs/decisions/0019 for the rule; docs/what_decides.md for the value: half and double change no
+answer."""
 RIVAL_COST_RATIO = 5.0
 """[1] Times the chi squared along the force of a candidate that explains all, up to which
-others are still refitted. Source: judgement; no study is recorded."""
+others are still refitted. Source: docs/what_decides.md: half and double change no answer."""
 RIVAL_COST_SHARE = 0.01
 """[share of chi squared without a law] Along the force, up to which others are still refitted
-then. Source: judgement; no study is recorded."""
+then. Source: docs/what_decides.md: half and double change no answer."""
 MAIN_EFFECT_SHARE = 0.5
 """[share of chi squared without a law] Below which a fit explains the greater part of what is
 missing. Source: docs/decisions/0021."""
@@ -76,23 +77,25 @@ than noise, may be in a local minimum, and is fitted again to growing parts of t
 Source: docs/decisions/0021."""
 NOISE_UPDATE_SDS = 4.0
 """[standard deviations of chi squared] Of the mean square in band from 1, from which the noise
-is estimated again. Source: judgement; no study is recorded."""
+is estimated again. Source: docs/what_decides.md: half and double change no answer."""
 COARSE_HORIZONS = (0.4, 1.0)
 """[share of each record] Fitted one after the other from the motion recovered along the force,
-which is close to the minimum. Source: docs/decisions/0017 for the rule; the value is
-judgement."""
+which is close to the minimum. Source: docs/decisions/0017 for the rule; docs/what_decides.md
+for the value: half and double change no answer."""
 GROWING_HORIZONS = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)
 """[share of each record] Fitted one after the other from the model without the law. Source:
 docs/decisions/0026."""
 STICK_SLIP_HORIZONS = (0.02, 0.04, 0.06, 0.1, 0.15, 0.2, 0.3, 0.45, 0.65, 1.0)
 """[share of each record] Fitted one after the other for friction, from one sticking phase to
-the next. Source: docs/decisions/0030 for the rule; the value is judgement."""
+the next. Source: docs/decisions/0030 for the rule; docs/what_decides.md for the value: half and
+double change no answer."""
 GIVE_UP_MARGIN = 40.0
 """[nats; of chi squared 1] Log evidence behind the best from which a candidate is not refitted;
-also chi squared that any rival may leave more. Source: judgement; no study is recorded."""
+also chi squared that any rival may leave more. Source: docs/what_decides.md: half and double
+change no answer."""
 GIVE_UP_SHARE = 0.3
 """[share of the range of log evidence] Behind the best, up to which a candidate is refitted in
-any case. Source: judgement; no study is recorded."""
+any case. Source: docs/what_decides.md: half and double change no answer."""
 Tick = Callable[[Effect, int], bool | None]
 """Told what is tried next, and the how many-eth it is; says whether it is too late for it."""
 

@@ -39,7 +39,8 @@ MAX_READINGS = 30_000
 """[samples of all sensors] Of the record by which holds are compared. Source: a bound on
 computing time."""
 MIN_COMPARED_SAMPLES = 1000
-"""[samples] Of that record at least. Source: judgement; no study is recorded."""
+"""[samples] Of that record at least. Source: docs/what_decides.md: half and double change no
+answer."""
 LIKELY_PLACES = 8
 """[places] The likeliest by one linearisation, among which those are found. Source: a bound on
 computing time."""
@@ -50,7 +51,8 @@ NOTICEABLE_POWER = 0.05
 """[share of the noise power] From which a difference between fits matters. Source:
 docs/decisions/0030."""
 DECISIVE_LOG_LIKELIHOOD = 20.0
-"""[nats] By which another hold has to be better. Source: judgement; no study is recorded."""
+"""[nats] By which another hold has to be better. Source: docs/what_decides.md: half and double
+change no answer."""
 FAULT_LOG_LIKELIHOOD = 5.0
 """[nats] By which a fault of an input or another effect has to do better than another hold, and
 another hold better than one that leaves only noise. Source: very strong evidence by Kass and
@@ -60,7 +62,7 @@ MAX_REST_SHARE = 0.7
 where no single force explains the records. Source: judgement; no study is recorded."""
 HOLD_ERROR_CHI2 = 5.0
 """[noise variances] Mean square in band up to which a wrong hold may be all that is missing.
-Source: judgement; no study is recorded."""
+Source: docs/what_decides.md: half and double change no answer."""
 
 
 def found_holds(

@@ -13,13 +13,14 @@ from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Kind, Law
 
 SCAN_HALF_WIDTH_S = 2.4
-"""[s] Around an instant, within which a better one is sought closely. Source: judgement; no
-study is recorded."""
+"""[s] Around an instant, within which a better one is sought closely. Source:
+docs/what_decides.md: half and double change no answer."""
 CLOSE_STEP_S = SCAN_HALF_WIDTH_S / 30
 """[s] Between instants that are tried closely."""
 SCAN_CHI2 = 1.5
 """[noise variances] Mean square in band from which whole records are scanned first. Source:
-docs/decisions/0026 for the rule; the value is judgement."""
+docs/decisions/0026 for the rule; docs/what_decides.md for the value: half and double change no
+answer."""
 SCAN_STEP_S = 1.2
 """[s] Between instants of the scan of whole records. Source: half of `SCAN_HALF_WIDTH_S`, so
 that closer scans around neighbours overlap."""
@@ -28,7 +29,8 @@ MAX_COST_RATIO = 4.0
 records. Source: chosen on hidden cases."""
 MAX_MOVES = 4
 """[refits] From a better instant at most, because a law that was fitted to a wrong instant
-hides the right one. Source: docs/decisions/0030 for the rule; the value is judgement."""
+hides the right one. Source: docs/decisions/0030 for the rule; docs/what_decides.md for the
+value: half and double change no answer."""
 
 
 def refine_switching_instant(

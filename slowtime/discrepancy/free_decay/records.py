@@ -16,7 +16,8 @@ MIN_REST = 0.02
 """[share of a record] At rest at its end, from which that is cut off. Source: a decision."""
 STILL_STEPS = 2.5
 """[steps of the sensor] From its last readings, within which a channel is at rest: what it
-tells there is its resolution. Source: judgement; half a step more than two."""
+tells there is its resolution. Source: half a step more than two; half and double change no
+answer of docs/what_decides.md."""
 REST_READINGS = 50
 """[1] Part of a record whose median tells where it comes to rest: one of this many. Source: the
 share `MIN_REST` at rest from which a record is cut."""
@@ -33,15 +34,17 @@ FALLING_P_VALUE = 1e-3
 """[probability] p-value of the trend of peaks (Kendall) below which they fall. Source: peaks
 of random motion fall in one record of a thousand, and hardly ever without rising in between."""
 MANY_PARTS = 12
-"""[1] Equal parts of a record whose strengths are compared. Source: judgement; random motion
-falls through so many with a probability of one in 12!, or in a few thousand if it is slow."""
+"""[1] Equal parts of a record whose strengths are compared. Source: random motion falls through
+so many with a probability of one in 12!, or in a few thousand if it is slow; half and double
+change no answer of docs/what_decides.md."""
 FEW_PARTS = 4
 """[1] The same of a record whose modes beat. Source: as above, with `MAX_RATIO_OF_FEW`."""
 MIN_PART_SAMPLES = 16
 """[samples] Of such a part. Source: as many tell a strength to a fifth."""
 FLOOR_RATIO = 1.5
-"""[1] Over the least strength, up to which a part is noise alone. Source: judgement; six
-standard deviations of the strength of 64 independent samples."""
+"""[1] Over the least strength, up to which a part is noise alone. Source: six standard
+deviations of the strength of 64 independent samples; half and double change no answer of
+docs/what_decides.md."""
 MAX_RATIO_OF_MANY = 1.05
 """[1] Of the strength of a part to that before, of many. Source: a slow decay, whose parts
 scatter by a twentieth."""
@@ -49,7 +52,8 @@ MAX_RATIO_OF_FEW = 0.6
 """[1] The same of few parts. Source: of three hundred random responses of all bandwidths, three
 at most pass."""
 MAX_LAST_LEVEL = 0.3
-"""[1] Of the least strength to the first. Source: judgement; 10 dB."""
+"""[1] Of the least strength to the first. Source: 10 dB; half and double change no answer of
+docs/what_decides.md."""
 FEW_PEAKS = 3
 """[half cycles] Of a record that is tested as a single decaying sinusoid. Source: a sinusoid of
 fewer has no amplitude, frequency and damping of its own."""

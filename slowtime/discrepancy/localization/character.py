@@ -22,29 +22,29 @@ class CharacterThresholds:
     """[1] Power of the force over that of its noise from which a window counts. Source: two
     standard deviations of the noise."""
     min_window_power: float = 0.03
-    """[share of the greatest power] That a window must have besides. Source: judgement; no
-    study is recorded."""
+    """[share of the greatest power] That a window must have besides. Source:
+    docs/what_decides.md: half and double change no answer."""
     throughout: float = 0.9
-    """[share of samples] From which the force acts all the time. Source: judgement; no study
-    is recorded."""
+    """[share of samples] From which the force acts all the time. Source: docs/what_decides.md:
+    half and double change no answer."""
     linear_rest: float = 0.015
     """[share of the force's power] That a linear relation may leave, noise apart. Source:
-    judgement; no study is recorded."""
+    docs/what_decides.md: half and double change no answer."""
     min_band_lines: int = 6
     """[lines] Of a band at least, over all trials; two go into its relation. Source:
-    judgement; no study is recorded."""
+    docs/what_decides.md: half and double change no answer."""
     onset_power: float = 0.03
     """[share of the greatest power] Up to which there is hardly any force. Source:
-    judgement; no study is recorded."""
+    docs/what_decides.md: half and double change no answer."""
     exponent_deviation: float = 0.3
     """[1] Difference of the exponent from 1 that contradicts a linear relation. Source:
-    judgement; no study is recorded."""
+    docs/what_decides.md: half and double change no answer."""
     steady_p_value: float = 1e-4
     """[probability] p-value below which a force is called changing. Source: one false alarm
     in ten thousand forces."""
     height_sd: float = 0.03
     """[1] Relative standard deviation of a height that is due to the surface itself. Source:
-    judgement; no study is recorded."""
+    docs/what_decides.md: half and double change no answer."""
 
 
 THRESHOLDS = CharacterThresholds()

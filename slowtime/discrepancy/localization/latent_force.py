@@ -34,11 +34,11 @@ from .perturbed_reference import (
 from .spectral_lines import Lines, TrialLines
 
 ROUNDS = 6
-"""[1] Linearisations about the motion with the force in it, at most. Source: judgement; no
-study is recorded."""
+"""[1] Linearisations about the motion with the force in it, at most. Source:
+docs/what_decides.md: half and double change no answer."""
 SCORING_STEPS = 6
-"""[steps] Of Fisher scoring for the variances of the force. Source: judgement; no study is
-recorded."""
+"""[steps] Of Fisher scoring for the variances of the force. Source: docs/what_decides.md: half
+and double change no answer."""
 MIN_GAIN = 0.5
 """[nats] Gain of log likelihood below which another round is not worth its while. Source:
 half of chi squared's 1, one standard deviation."""
@@ -46,8 +46,8 @@ RELATIVE_MIN_GAIN = 1e-4
 """[share of the log likelihood] The same: of 100,000 readings, 10 nats. Source: places that are
 told apart by so little in so many readings are not told apart by others of them."""
 MAX_CONSTANT_STEP = 0.3
-"""[1] Largest relative change of a constant in one round. Source: judgement; no study is
-recorded."""
+"""[1] Largest relative change of a constant in one round. Source: docs/what_decides.md: half
+and double change no answer."""
 RIDGE = 1e-9
 """[1] Added to the diagonal of the scaled normal equations. Source: well above double
 precision, well below what a prior adds."""

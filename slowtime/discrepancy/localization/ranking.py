@@ -21,7 +21,7 @@ from .spectral_lines import OuterMotion, TrialLines, trial_lines
 
 BAND_MARGIN = 1.5
 """[1] Times the frequency above which the structure is silent up to which lines are used.
-Source: judgement; no study is recorded."""
+Source: docs/what_decides.md: half and double change no answer."""
 
 SAME_TRANSFER = 1e-9
 """[1] One minus the squared cosine between whole transfers, below which two places are one
@@ -36,11 +36,12 @@ PROBED_LINE = 64
 everywhere."""
 
 NOISE_UPDATES = 2
-"""[1] Times the noise is estimated again from what the best place leaves. Source: judgement;
-no study is recorded."""
+"""[1] Times the noise is estimated again from what the best place leaves. Source:
+docs/what_decides.md: half and double change no answer."""
 
 REFINED_PLACES = 5
-"""[places] That are refined to convergence. Source: judgement; no study is recorded."""
+"""[places] That are refined to convergence. Source: docs/what_decides.md: half and double
+change no answer."""
 MOST_PLACES = 20
 """[places] That are ranked; the likeliest by one linearisation, where there are more. Source:
 those of a chain of four masses; a bound on computing time."""
@@ -52,8 +53,8 @@ LINEARISATION_PRODUCTS = 1e9
 though not less than `REFINED_PLACES`, where each takes more. Source: a bound on computing time;
 20 places of nine masses."""
 RANKING_ROUNDS = 2
-"""[1] Linearisations that decide which places these are. Source: judgement; no study is
-recorded."""
+"""[1] Linearisations that decide which places these are. Source: docs/what_decides.md: half and
+double change no answer."""
 
 
 def locate(

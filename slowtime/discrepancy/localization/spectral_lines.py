@@ -14,10 +14,11 @@ from .linear_response import LinearModel
 
 BAND_RATIO = 1.12
 """[1] Last frequency of a band over its first, unless that has too few lines. Source:
-judgement; no study is recorded."""
+docs/what_decides.md: half and double change no answer."""
 
 MIN_BAND_LINES = 10
-"""[lines] Of a band at least. Source: judgement; no study is recorded."""
+"""[lines] Of a band at least. Source: docs/what_decides.md: half and double change no
+answer."""
 
 Lines = Complex[np.ndarray, "frequency sensor"]
 MotionSpectra = Complex[np.ndarray, "order frequency dof"]

@@ -26,27 +26,28 @@ class NoiseThresholds:
     """Thresholds of the noise estimate, each with its unit, meaning and source."""
 
     response_margin: float = 1.7
-    """[1] Times the highest natural frequency above which a structure hardly answers.
-    Source: judgement; a mode answers there with half of its static response."""
+    """[1] Times the highest natural frequency above which a structure hardly answers. Source: a
+    mode answers there with half of its static response; half and double change no answer of
+    docs/what_decides.md."""
     colour_gain: float = 15.0
     """[nats] Gain of log likelihood that a coloured density must bring over a white one, for
-    three more parameters. Source: judgement; Schwarz's criterion would ask for 7 at a
-    hundred blocks."""
+    three more parameters. Source: Schwarz's criterion would ask for 7 at a hundred blocks; half
+    and double change no answer of docs/what_decides.md."""
     min_block_lines: int = 8
-    """[lines] Of the periodogram in one block at least. Source: judgement; no study is
-    recorded."""
+    """[lines] Of the periodogram in one block at least. Source: docs/what_decides.md: half and
+    double change no answer."""
     max_block_lines: int = 200
-    """[lines] Of the periodogram in one block at most. Source: judgement; no study is
-    recorded."""
+    """[lines] Of the periodogram in one block at most. Source: docs/what_decides.md: half and
+    double change no answer."""
     block_ratio: float = 1.1
     """[1] Last frequency of a block over its first, within the limits of its lines. Source:
-    judgement; no study is recorded."""
+    docs/what_decides.md: half and double change no answer."""
     signal_probability: float = 0.99
-    """[probability] That a block where the structure answers holds more than noise, before
-    it is looked at. Source: judgement; no study is recorded."""
+    """[probability] That a block where the structure answers holds more than noise, before it
+    is looked at. Source: docs/what_decides.md: half and double change no answer."""
     tone_probability: float = 1e-5
     """[probability] The same of a block where the structure is silent: a tone of the mains.
-    Source: judgement; no study is recorded."""
+    Source: docs/what_decides.md: half and double change no answer."""
     no_signal_probability: float = 1e-200
     """[probability] The same in the first pass of a fit, in which no silent block is
     dismissed. Source: so small that no block is, and above the least number of double
@@ -56,10 +57,11 @@ class NoiseThresholds:
     Source: one false alarm in a thousand sensors."""
     silent_ratio: float = 2.0
     """[1] Times the frequency above which the structure hardly answers, where the density is
-    that of noise alone. Source: judgement; an octave."""
+    that of noise alone. Source: an octave; half and double change no answer of
+    docs/what_decides.md."""
     min_periods: float = 4.0
-    """[periods] Of a mode in a record below which it is no vibration. Source: judgement; no
-    study is recorded."""
+    """[periods] Of a mode in a record below which it is no vibration. Source:
+    docs/what_decides.md: half and double change no answer."""
     band_power: float = 0.98
     """[share of power] Of what drives a floating structure that lies in its band. Source:
     judgement; no study is recorded."""
@@ -67,11 +69,11 @@ class NoiseThresholds:
     """[nats] Log likelihood that a larger white part of a rising colour may cost. Source:
     docs/decisions/0027; what rises with frequency says nothing of the noise below."""
     tonal_share: float = 0.15
-    """[share of blocks] Of a silent band that may hold tones. Source: judgement; no study is
-    recorded."""
+    """[share of blocks] Of a silent band that may hold tones. Source: docs/what_decides.md:
+    half and double change no answer."""
     min_used_share: float = 0.05
     """[share of samples] By which a channel with fewer used samples counts. Source:
-    judgement; no study is recorded."""
+    docs/what_decides.md: half and double change no answer."""
     instrument_floor: float = 1e-4
     """[standard deviations of the reading] Below which a difference between a record and a
     simulation says nothing. Source: 80 dB; no transducer is linear to better than 0.01 %, and
@@ -81,14 +83,15 @@ class NoiseThresholds:
 THRESHOLDS = NoiseThresholds()
 
 LOG_STRENGTH_BOUNDS = ((-14.0, 6.0), (-14.0, 14.0))
-"""[log of the mean density] Bounds of the white and of the coloured part. Source:
-judgement; six decades below the mean density to well above it."""
+"""[log of the mean density] Bounds of the white and of the coloured part. Source: six decades
+below the mean density to well above it; half and double change no answer of
+docs/what_decides.md."""
 SLOPE_BOUNDS = (-4.0, 4.0)
 """[1] Bounds of the exponent of a power law. Source: noise integrated or differentiated
 twice has slopes of 4 and -4."""
 RADIUS_LOGIT_BOUNDS = (-1.0, 6.0)
-"""[log odds] Bounds of the radius of a pole pair, over `MAX_POLE_RADIUS`. Source: judgement;
-no study is recorded."""
+"""[log odds] Bounds of the radius of a pole pair, over `MAX_POLE_RADIUS`. Source:
+docs/what_decides.md: half and double change no answer."""
 ANGLE_BOUNDS = (0.01, 3.13)
 """[rad] Bounds of the angle of a pole pair. Source: just inside 0 and pi, where the pair
 becomes a double real pole."""

@@ -8,10 +8,11 @@ from slowtime.signals.spectra import transform
 
 BLOCK_LINES = 24
 """[lines] Over which a transfer function is taken to be linear in frequency. Source:
-judgement; no study is recorded."""
+docs/what_decides.md: half and double change no answer."""
 MIN_FREE_SHARE = 0.1
-"""[share of power] That a regression has to leave for its residual to be used: spectra of
-few samples are taken as they are. Source: judgement; no study is recorded."""
+"""[share of power] That a regression has to leave for its residual to be used: spectra of few
+samples are taken as they are. Source: docs/what_decides.md: half and double change no
+answer."""
 
 
 def incoherent_power(

@@ -44,10 +44,11 @@ beside a random motion of the base a hidden oscillator explains half of the free
 twentieth of the force."""
 MAX_LAW_SHARE = 0.6
 """[share of the gain of log-likelihood] Of a motion of the base that a law may explain. Source:
-judgement; no study is recorded."""
+docs/what_decides.md: half and double change no answer."""
 MAX_LAW_SHARE_OF_SEVERAL = 0.2
 """[share of the gain of log-likelihood] The same where one force is not all that is missing.
-Source: docs/decisions/0017 for the rule; the value is judgement."""
+Source: docs/decisions/0017 for the rule; docs/what_decides.md for the value: half and double
+change no answer."""
 
 
 def base_motion(

@@ -43,7 +43,8 @@ MAX_NEW_PAIRS = 3
 """[pairs] That are fitted after each proposer. Source: a bound on computing time."""
 NEAR_PAIR_SHARE = 0.1
 """[share of what the best law alone leaves] Below which the fit of a pair is continued from
-where it ended. Source: docs/decisions/0030 for the rule; the value is judgement."""
+where it ended. Source: docs/decisions/0030 for the rule; docs/what_decides.md for the value:
+half and double change no answer."""
 
 Pair = tuple[Candidate, Candidate]
 PairLabel = frozenset[Label]

@@ -35,7 +35,8 @@ NEAREST_RUNS = 3
 """[candidates] With the nearest free runs that are proposed. Source: docs/decisions/0019."""
 MIN_REST_CHI2 = 1.5
 """[noise variances] Mean square in band that the best law leaves, from which the list is
-extended. Source: judgement; as `explained_chi2` of the thresholds."""
+extended. Source: as `explained_chi2` of the thresholds; half and double change no answer of
+docs/what_decides.md."""
 MAX_EXPLAINED_REST = 0.6
 """[share of the mean square in band without a law] Below which the best law explains some of
 it: it may be one of two, and the other is sought first. Source: docs/decisions/0019."""

@@ -59,11 +59,13 @@ MORE_SEGMENTS = 12
 Source: docs/decisions/0031."""
 PLACE_REST_RATIO = 1.5
 """[1] Times what a force at the best place leaves, within which laws are tried at other places.
-Source: judgement; no study is recorded."""
+Source: docs/what_decides.md: half and double change no answer."""
 MIN_LAWS_PER_PLACE = 4
-"""[laws] Tried first at each of several places. Source: judgement; no study is recorded."""
+"""[laws] Tried first at each of several places. Source: docs/what_decides.md: half and double
+change no answer."""
 FIRST_LAWS = 8
-"""[laws] Tried first, shared by all places. Source: judgement; no study is recorded."""
+"""[laws] Tried first, shared by all places. Source: docs/what_decides.md: half and double
+change no answer."""
 MAX_LAWS = 24
 """[laws] Tried at all places at most. Source: a bound on computing time."""
 POWER_SHARES = (0.25, 0.5, 1.0)
@@ -84,7 +86,7 @@ MAX_REST_OF_MORE = 0.45
 Source: docs/decisions/0031."""
 NEAR_RATIO = 2.0
 """[1] Times what the best law leaves, within which another is fitted to more segments, and
-fitted to the end. Source: judgement; no study is recorded."""
+fitted to the end. Source: docs/what_decides.md: half and double change no answer."""
 MAX_NEAR_LAWS = 3
 """[laws] That are fitted to more segments. Source: docs/decisions/0031."""
 SWITCH_SHARES = (0.0, 0.25, 0.5, 0.75)

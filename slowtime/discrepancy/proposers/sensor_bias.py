@@ -29,10 +29,10 @@ QUASI_STATIC_RATIO = 0.3
 Source: the dynamic amplification 1 / (1 - 0.3²) is 1.1 there."""
 MIN_SLOW_LINES = 3
 """[spectral lines] Of a record that must lie below for an error to be judged. Source:
-judgement; no study is recorded."""
+docs/what_decides.md: half and double change no answer."""
 MIN_MEAN_POWER = 100.0
 """[mean power of the slow lines] Of the mean of a residual, from which the accelerometer has a
-steady error. Source: judgement; no study is recorded."""
+steady error. Source: docs/what_decides.md: half and double change no answer."""
 MAX_MEAN_POWER = 10.0
 """[mean power of the slow lines] The same, up to which a law of the sensor has removed the
 error. Source: judgement; no study is recorded."""

@@ -23,7 +23,8 @@ T = TypeVar("T")
 KIND = "sensor_drift"
 MIN_SLOW_SHARE = 0.9
 """[share of the power of an error] That lies below that frequency in a drift; also that of its
-mean, above which it is constant. Source: judgement; no study is recorded."""
+mean, above which it is constant. Source: docs/what_decides.md: half and double change no
+answer."""
 SIZE_RELATIVE_SD = 0.1
 """[1] Relative standard deviation of the size of a drift that follows no law. Source:
 judgement; no study is recorded."""

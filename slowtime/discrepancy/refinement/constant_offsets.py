@@ -39,8 +39,9 @@ p-value of 1 in 1000."""
 
 
 BLOCKS = 8
-"""[1] Of a record, whose means tell how well the mean of its residual is known. Source:
-judgement; blocks of an eighth of a record are longer than its memory."""
+"""[1] Of a record, whose means tell how well the mean of its residual is known. Source: blocks
+of an eighth of a record are longer than its memory; half and double change no answer of
+docs/what_decides.md."""
 DIFFERING_SDS = 4.0
 """[standard errors] From zero, either way, that means of two records must be. Source: one
 record of noise in 200 (Student's t of seven degrees of freedom); a fit then has to tell."""

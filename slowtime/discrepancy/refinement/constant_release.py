@@ -32,11 +32,13 @@ docs/decisions/0026."""
 
 
 MAX_LEFT = 0.1
-"""[share of the variance] Up to which a refit is not out of step. Source: judgement; a free run
-in step leaves a third of the amplitude at most."""
+"""[share of the variance] Up to which a refit is not out of step. Source: a free run in step
+leaves a third of the amplitude at most; half and double change no answer of
+docs/what_decides.md."""
 FACTOR_SDS = (-0.5, 0.5, -1.0, 1.0, -1.5, 1.5)
-"""[tolerances of stiffness] By which all stiffnesses are changed to begin again. Source:
-judgement; a third of the width of the prior, both ways."""
+"""[tolerances of stiffness] By which all stiffnesses are changed to begin again. Source: a
+third of the width of the prior, both ways; half and double change no answer of
+docs/what_decides.md."""
 MUCH_LOWER_SHARE = 0.25
 """[share of chi squared] Of a refit begun elsewhere to the first one, below which that was out
 of step. Source: judgement; of a model that lacks a law, minima differ by less."""

@@ -28,7 +28,7 @@ from slowtime.dynamics.effects import Effect, Kind, Law, Motion, force_along
 
 MIN_OTHER_REST_RATIO = 3.0
 """[1] Times what a force at the place of a law leaves, that a force anywhere else must leave.
-Source: judgement; no study is recorded."""
+Source: docs/what_decides.md: half and double change no answer."""
 MAX_SAMPLES = 20_000
 """[samples] Of force and motion, to which a law is fitted. Source: a bound on computing
 time."""

@@ -38,8 +38,9 @@ from slowtime.discrepancy.validation.free_run import free_runs, relative_errors
 from slowtime.dynamics.work import metered
 
 PIECES = 4
-"""[1] Of each record, left out in turn. Source: judgement; a piece then begins with an initial
-state of its own and is long enough to go astray, and three quarters are fitted."""
+"""[1] Of each record, left out in turn. Source: a piece then begins with an initial state of
+its own and is long enough to go astray, and three quarters are fitted; half and double change
+no answer of docs/what_decides.md."""
 MIN_GAIN_SDS = 2.0
 """[standard errors] By which the mean log ratio of errors on pieces left out must be above
 zero. Source: two-sigma rule, one-sided p-value of 2 %."""

@@ -20,7 +20,7 @@ from slowtime.dynamics.effects import Kind, Unmeasured
 
 MAX_ERROR_RATIO = 1.02
 """[1] Of the error of a model to that of the model as given, on what was not fitted. Source:
-judgement; no study is recorded."""
+docs/what_decides.md: half and double change no answer."""
 
 
 def drop_harmful_effects(hypothesis: Hypothesis, campaign: Campaign) -> Hypothesis:

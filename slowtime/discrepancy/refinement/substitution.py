@@ -31,8 +31,8 @@ from slowtime.dynamics.effects import Effect, Kind, general_kinds
 from .elimination import eliminate, left_out
 
 MIN_FEWER_LOG_EVIDENCE = -2.0
-"""[nats] That fewer effects have to bring against more. Source: judgement; no study is
-recorded."""
+"""[nats] That fewer effects have to bring against more. Source: docs/what_decides.md: half and
+double change no answer."""
 WEAK_SDS = 10.0
 """[standard deviations] From nothing, below which a law of several parameters may be a
 degenerate one. Source: docs/decisions/0030; laws that are not differ by fifty and more."""

@@ -19,9 +19,10 @@ POWER = 2.0
 is then given less than 0.8."""
 
 MAX_AMPLITUDE_LEFT = 0.005
-"""[share of the root mean square of the gap] That only a right law leaves. Source: judgement;
-the best imitation of one law by another that was seen on measured or simulated rigs left
-0.02, and laws that are right but for their smoothing in another simulator left 0.001."""
+"""[share of the root mean square of the gap] That only a right law leaves. Source: the best
+imitation of one law by another that was seen on measured or simulated rigs left 0.02, and laws
+that are right but for their smoothing in another simulator left 0.001; half and double change
+no answer of docs/what_decides.md."""
 
 
 def _misfits(found: Hypothesis) -> tuple[float, float]:

@@ -14,7 +14,8 @@ FAR_COST_RATIO = 2.0
 the last part of the budget. Source: docs/decisions/0023."""
 EQUAL_COST_RATIO = 1.1
 """[1] Times what the best candidate leaves along the force, within which those with fewer
-parameters are tried first. Source: docs/decisions/0026 for the rule; the value is judgement."""
+parameters are tried first. Source: docs/decisions/0026 for the rule; docs/what_decides.md for
+the value: half and double change no answer."""
 
 
 class TrialOrder:

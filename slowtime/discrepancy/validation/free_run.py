@@ -23,11 +23,11 @@ from slowtime.dynamics.plant import Plant
 from slowtime.signals.spectra import transform
 
 START_SHARE = 0.2
-"""[share of a record] From which its initial state is estimated. Source: judgement; no study
-is recorded."""
+"""[share of a record] From which its initial state is estimated. Source: docs/what_decides.md:
+half and double change no answer."""
 LOST_CHI2 = 30.0
 """[noise variances] Mean square of the first samples from which a run began in the wrong
-minimum. Source: judgement; no study is recorded."""
+minimum. Source: docs/what_decides.md: half and double change no answer."""
 SPECTRUM_POINTS = 400
 """[1] Of spectra that are drawn, at most. Source: points that a screen shows apart."""
 

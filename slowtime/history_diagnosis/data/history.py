@@ -12,12 +12,14 @@ Role = Literal["temperature", "load", "vibration", "other"]
 Series: TypeAlias = Float[np.ndarray, " time"]
 
 FEWEST_EPOCHS = 20
-"""[epochs] Fewest from which a history is diagnosed. Source: judgement."""
+"""[epochs] Fewest from which a history is diagnosed. Source: docs/what_decides.md: half and
+double change no answer."""
 _FILL_READINGS = 400
 """[readings] Of a covariate, from which the process that fills its gaps is learnt. Source: a
 bound on computing time."""
 _FILL_NOISE_SD = 0.02
-"""[standard deviations of the covariate] Noise assumed of it then. Source: judgement."""
+"""[standard deviations of the covariate] Noise assumed of it then. Source:
+docs/what_decides.md: half and double change no answer."""
 _ROLE_HINTS: tuple[tuple[str, Role], ...] = (
     ("temp", "temperature"),
     ("°c", "temperature"),

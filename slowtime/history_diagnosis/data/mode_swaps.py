@@ -8,19 +8,23 @@ from jaxtyping import Bool, Float
 from .history import Series
 
 _NEIGHBOURS = 9
-"""[readings] On either side, with whose median a reading is compared. Source: judgement."""
+"""[readings] On either side, with whose median a reading is compared. Source:
+docs/what_decides.md: half and double change no answer."""
 _LEVEL_NEIGHBOURS = 25
 """[readings] On either side, of those not suspected, from which the level is taken once the
-offset of the other mode is known. Source: judgement."""
+offset of the other mode is known. Source: docs/what_decides.md: half and double change no
+answer."""
 _FAR_SDS = 8.0
 """[noise standard deviations] From the medians of both sides, beyond which a reading is
-suspected. Source: judgement."""
+suspected. Source: docs/what_decides.md: half and double change no answer."""
 _CLUSTER_SDS = 6.0
 """[noise standard deviations] Width of a cluster. Source: three-sigma rule, to either side."""
 _FEWEST_SWAPPED = 5
-"""[readings] Fewest that form a cluster. Source: judgement."""
+"""[readings] Fewest that form a cluster. Source: docs/what_decides.md: half and double change
+no answer."""
 _LEAST_LOG_ODDS = 7.0
-"""[nats] Of a cluster against chance: odds of 1100 to 1. Source: judgement."""
+"""[nats] Of a cluster against chance: odds of 1100 to 1. Source: docs/what_decides.md: half and
+double change no answer."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)

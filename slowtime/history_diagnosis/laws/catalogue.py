@@ -28,15 +28,18 @@ _CALENDAR_DAYS = (1.0, 7.0, 365.25)
 """[days] Periods of the calendar. Source: day, week and Julian year."""
 _LEAST_CYCLES = 1.5
 """[cycles in a history] Fewest of a periodic law; fewer cannot be told from a drift. Source:
-judgement."""
+docs/what_decides.md: half and double change no answer."""
 _MOST_TEETH = 40.0
 """[teeth in a history] Most of a sawtooth. Source: a bound on computing time."""
 _LEAST_SIDE = 0.04
-"""[share of the readings] That must lie on either side of a kink. Source: judgement."""
+"""[share of the readings] That must lie on either side of a kink. Source: docs/what_decides.md:
+half and double change no answer."""
 _MARGIN = 0.03
-"""[histories] At either end, within which no step is sought. Source: judgement."""
+"""[histories] At either end, within which no step is sought. Source: docs/what_decides.md: half
+and double change no answer."""
 _NOISE_MARGIN = 0.08
-"""[histories] The same for a change of noise, which takes more readings. Source: judgement."""
+"""[histories] The same for a change of noise, which takes more readings. Source:
+docs/what_decides.md: half and double change no answer."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)

@@ -29,7 +29,8 @@ _LARGEST_SD = 2.0
 """[scatters of the readings] Largest standard deviation of the random process. Source: the
 same."""
 _NO_PROCESS = 0.3
-"""[probability] Prior that there is no random process. Source: judgement."""
+"""[probability] Prior that there is no random process. Source: docs/what_decides.md: half and
+double change no answer."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)

@@ -14,10 +14,10 @@ from .catalogue import CandidateLaw, Shape
 
 _CONSTANT_SD = 10.0
 """[scatters of the readings] Prior standard deviation of the constant: wide, as the values have
-zero median. Source: judgement."""
+zero median. Source: docs/what_decides.md: half and double change no answer."""
 _LEAST_COLUMN_VARIANCE = 0.01
 """[1] Variance of a regressor below which the prior of its coefficient stops widening. Source:
-judgement."""
+docs/what_decides.md: half and double change no answer."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)

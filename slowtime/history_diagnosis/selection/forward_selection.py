@@ -36,25 +36,30 @@ _FAMILY_WEIGHTS = {"drift": 3.0, "crack": 0.2, "sensor": 0.5}
 judgement."""
 _SCAN_MARGIN = 9.0
 """[nats] Behind the best result of the scan, beyond which a law is not refined. Source:
-judgement."""
+docs/what_decides.md: half and double change no answer."""
 _REFINED_MARGIN = 7.0
-"""[nats] Behind the best refined law, beyond which a law is dropped. Source: judgement."""
+"""[nats] Behind the best refined law, beyond which a law is dropped. Source:
+docs/what_decides.md: half and double change no answer."""
 _FEWEST_REFINED = 3
-"""[laws] Refined in each comparison at least. Source: judgement."""
+"""[laws] Refined in each comparison at least. Source: docs/what_decides.md: half and double
+change no answer."""
 _MOST_REFINED = 9
 """[laws] Refined in each comparison at most. Source: a bound on computing time."""
 _INFLUENTIAL = 3
-"""[readings] On which no discovery may depend. Source: judgement."""
+"""[readings] On which no discovery may depend. Source: docs/what_decides.md: half and double
+change no answer."""
 _LEAST_WITHOUT = 3.0
 """[nats] That a law must gain without these readings. Source: Kass and Raftery (1995) call 3
 nats strong evidence."""
 _RESCREENINGS = 2
-"""[times] That influential readings are removed. Source: judgement."""
+"""[times] That influential readings are removed. Source: docs/what_decides.md: half and double
+change no answer."""
 _DISCOVERY = 0.9
 """[probability] That any term is missing, from which one is added. Source: a decision of the
 interface."""
 _REPLACEMENT = 0.8
-"""[probability] Of another law, from which it replaces an earlier term. Source: judgement."""
+"""[probability] Of another law, from which it replaces an earlier term. Source:
+docs/what_decides.md: half and double change no answer."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)

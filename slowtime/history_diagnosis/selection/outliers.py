@@ -19,14 +19,16 @@ from slowtime.history_diagnosis.likelihood.whitening import (
 
 _OUTLIER_SDS = 4.0
 """[robust standard deviations] From the predictions of both sides of time. Source:
-judgement."""
+docs/what_decides.md, which has the cases where it decides."""
 _UNCERTAIN_RATIO = 1.3
 """[1] Times the smaller predictive spread, beyond which a side is ignored. Source:
-judgement."""
+docs/what_decides.md, which has the cases where it decides."""
 _PASSES = 4
-"""[passes] Of fitting and masking at most. Source: judgement."""
+"""[passes] Of fitting and masking at most. Source: docs/what_decides.md: half and double change
+no answer."""
 _MOST_OUTLIERS = 0.25
-"""[share of the readings] Called outliers at most. Source: judgement."""
+"""[share of the readings] Called outliers at most. Source: docs/what_decides.md, which has the
+cases where it decides."""
 
 
 def inlier_mask(
