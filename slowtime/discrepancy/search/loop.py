@@ -18,7 +18,6 @@ from slowtime.discrepancy.combined_laws.search import explain_together, explains
 from slowtime.discrepancy.estimation.input_hold import held_otherwise, with_holds
 from slowtime.discrepancy.hypothesis import Hypothesis, SearchStep
 from slowtime.discrepancy.localization import locate
-from slowtime.discrepancy.proposers.alternative_starts import alternative_starts
 from slowtime.discrepancy.quoting import moved_of
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refinement.substitution import generalize, substitute
@@ -26,6 +25,7 @@ from slowtime.discrepancy.selection.acceptance import Terms, accept
 from slowtime.discrepancy.selection.comparison import better, explains_all
 from slowtime.discrepancy.thresholds import LIMITS
 
+from .alternative_starts import alternative_starts
 from .drifting_sensor import end_with_drift
 from .next_effect import next_effect
 from .settings import SearchSettings
