@@ -59,9 +59,9 @@ class ShardFacts(TwinFacts):
         answers = self._calls.ask_each("/shard/failures", bodies)
         told = {name: one for answer in answers.values() for name, one in answer.items()}
         return {
-            name: Failure(value, lo, hi, tuple(reasons), horizon, unit)
+            name: Failure(value, lo, hi, tuple(reasons), *rest)
             for name in asked
-            for value, lo, hi, reasons, horizon, unit in [told[name]]
+            for value, lo, hi, reasons, *rest in [told[name]]
         }
 
     def rates(self, twins: Sequence[str]) -> dict[str, Rates]:

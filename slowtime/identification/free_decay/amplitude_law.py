@@ -68,11 +68,11 @@ class DecayLaw:
     Parameters
     ----------
     amplitude
-        From the largest to the smallest.
+        From the largest to the smallest, in the unit of `channel` [amplitude].
     frequency_hz, frequency_sd_hz
-        Of the half cycles about each amplitude.
+        Of the half cycles about each amplitude, and its standard deviation [Hz].
     damping, damping_sd
-        Damping ratio.
+        Damping ratio there, and its standard deviation [1].
     coefficients, coefficients_sd
         :math:`a_0, a_1, a_2`; 0 for those that are not needed.
     terms

@@ -68,7 +68,6 @@ _DO = [
 POLICY: tuple[Rule, ...] = (
     Rule("GET", "/", Reach.OPEN),
     Rule("GET", "/assets/{name}", Reach.OPEN),
-    Rule("GET", "/assets/messages/languages.json", Reach.OPEN),
     Rule("GET", "/assets/messages/{name}", Reach.OPEN),
     Rule("GET", "/healthz", Reach.OPEN),
     Rule("GET", "/readyz", Reach.OPEN),

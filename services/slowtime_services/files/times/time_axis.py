@@ -62,6 +62,9 @@ of `MAX_JITTER_STEPS` moves it by 0.03 steps."""
 MAX_MEAN_STEPS = 0.25
 """Such a mean [steps] up to which no sample is missing. Source: one that is shifts all rows
 behind it by a step, so that rows on one side are half a step off at least."""
+ALIKE_STEPS = 0.1
+"""Relative difference [1] from the median step within which steps are alike. Source: losses and
+bursts of an even clock leave most steps so; jitter of `MAX_JITTER_STEPS` leaves a fifth."""
 MAX_LOCAL_JITTER_STEPS = 0.1
 """Jitter of single stamps [steps, rms] up to which a rate that wanders is followed from step
 to step, and samples are interpolated at even times. Source: judgement; it makes an error of
@@ -428,12 +431,18 @@ def _stays_with_even_clock(
     seconds: Float[np.ndarray, " time"], instants: Shaped[np.ndarray, " time"], step: float
 ) -> bool:
     """Whether rows jitter about an even clock with no sample missing, however far they do."""
-    parts = len(seconds) // STEADY_ROWS
-    if parts < 2:
+    parts, steps = len(seconds) // STEADY_ROWS, np.diff(seconds)
+    if parts < 2 or _are_alike(steps):
         return False
     off = seconds / step - instants
     means = [float(part.mean()) for part in np.array_split(off - off.mean(), parts)]
     return bool(np.max(np.abs(means)) < MAX_MEAN_STEPS)
+
+
+def _are_alike(steps: Float[np.ndarray, " step"]) -> bool:
+    """Whether most steps are of one length."""
+    typical = np.median(steps)
+    return bool(np.mean(np.abs(steps - typical) <= ALIKE_STEPS * typical) > 0.5)
 
 
 def _scatter(
