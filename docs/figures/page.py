@@ -97,7 +97,7 @@ def _views(browser: Browser, url: str) -> Iterator[tuple[str, Page]]:
     _drawn(page, "mass_change")
     page.get_by_text("Simulate a load").click()
     page.get_by_role("button", name="Simulate").click()
-    expect(page.locator(".whatif .main-svg").first).to_be_visible(timeout=PATIENCE_MS)
+    expect(page.locator(".whatif .drawing").first).to_be_visible(timeout=PATIENCE_MS)
     yield "page_past", page
 
     page = opened("#demo.frame", "dark", PHONE)
