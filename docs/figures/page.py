@@ -17,6 +17,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+from PIL import Image
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from slowtime_schemas.codec import encode
@@ -61,6 +62,8 @@ def take(url: str, out: Path) -> None:
             path = out / f"{name}.png"
             page.evaluate("scrollTo(0, 0)")
             page.screenshot(path=path, full_page=name != "page_phone")
+            # Few colours are drawn, so that a palette of them is enough, and half as large.
+            Image.open(path).quantize(256, dither=Image.Dither.NONE).save(path, optimize=True)
             print(f"{path}: {path.stat().st_size / 1000:.0f} kB")
             if path.stat().st_size > MOST_BYTES:
                 raise SystemExit(
