@@ -187,6 +187,8 @@ def measured_pairs(
 def act_apart(fit: Fit, trials: Sequence[Trial], kinds: Mapping[str, Kind]) -> bool:
     """Whether two laws at different places explain far more than any law does.
 
+    Never of one coordinate: its element, its node and its link to the ground move alike.
+
     Parameters
     ----------
     kinds
@@ -194,7 +196,9 @@ def act_apart(fit: Fit, trials: Sequence[Trial], kinds: Mapping[str, Kind]) -> b
     """
     try:
         located = measured_motion(fit, trials)
-        pairs = [] if located is None else measured_pairs(fit, located, kinds)
+        if located is None or located.linear.structure.dofs < 2:
+            return False
+        pairs = measured_pairs(fit, located, kinds)
     except (np.linalg.LinAlgError, FloatingPointError):
         return False
     return any(one.effect.place != other.effect.place for one, other in pairs[:1])

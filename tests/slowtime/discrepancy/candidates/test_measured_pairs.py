@@ -11,8 +11,9 @@ from slowtime.discrepancy.candidates.force_space import ForceSpace
 from slowtime.discrepancy.candidates.library_fit import label_of
 from slowtime.discrepancy.candidates.measured_pairs import act_apart, measured_pairs
 from slowtime.discrepancy.localization import measured_motion
-from slowtime.dynamics.effects import Effect, catalogue
+from slowtime.dynamics.effects import Effect, Place, catalogue
 from slowtime.dynamics.plant import Plant
+from tests.slowtime.discrepancy.rigs import ONE, PLACE
 from tests.slowtime.discrepancy.two_mass_chain import (
     DRAG,
     FIRST,
@@ -74,6 +75,17 @@ def test_laws_at_two_places_act_apart_and_those_at_one_do_not():
     assert act_apart(fit, trials, KINDS)
     fit, trials = held((dataclasses.replace(DRAG, place=SECOND), STRONG))
     assert not act_apart(fit, trials, KINDS)
+
+
+@pytest.mark.parametrize("to", ["element", "node"])
+def test_of_one_mass_nothing_acts_apart(to):
+    friction = Effect("coulomb", PLACE, {"friction_n": 4.0})
+    mass = Effect("added_mass", Place("node", "m1"), {"dm_kg": 0.5})
+    hard = Effect("cubic_hardening", PLACE, {"k3_n_per_m3": 3e5})
+    law = hard if to == "element" else mass
+    trials = records_of((friction, law), of=ONE, samples=1000)
+    fit = refit_within_tolerances(refit(Plant.of(ONE, kinds=KINDS), trials), trials)
+    assert not act_apart(fit, trials, catalogue())
 
 
 def test_a_space_seen_from_another_place_is_that_of_the_place():
