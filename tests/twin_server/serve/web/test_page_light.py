@@ -79,3 +79,16 @@ def test_modules_stay_apart_and_come_after_what_they_import():
 def test_what_cannot_be_put_together_is_refused(sources, said):
     with pytest.raises(ValueError, match=re.escape(said)):
         bundled(sources, "a.js")
+
+
+def test_answers_are_packed_for_those_who_ask_and_streams_are_not(server):
+    history = "/api/v1/twins/lab.beam/history"
+    packed = server.client.get(history, headers={"Accept-Encoding": "gzip"})
+    plain = server.client.get(history, headers={"Accept-Encoding": "identity"})
+    assert packed.headers["content-encoding"] == "gzip"
+    assert "content-encoding" not in plain.headers
+    assert packed.json() == plain.json()
+    live = f"{server.url}/api/v1/twins/lab.beam/live"
+    with server.client.stream("GET", live, headers={"Accept-Encoding": "gzip"}) as stream:
+        assert stream.headers["content-type"].startswith("text/event-stream")
+        assert "content-encoding" not in stream.headers
