@@ -12,8 +12,7 @@ import click
 from slowtime_cli.shared.terminal import note, show
 from slowtime_services.client import AnswerError, Client, UnreachableError
 from slowtime_services.documents.document_files import read_json_file
-from twin_server.events.asset_events import AssetEventOrder
-from twin_server.pipeline import orders_in
+from twin_server.events.asset_events import AssetEventOrder, orders_in
 
 
 def add(twin: str, kind: str | None, file: Path | None, server: str, **given: Any) -> None:

@@ -5,6 +5,8 @@ from typing import Any
 
 import click
 
+from slowtime_cli.shared.terminal import removed_unless_finished
+
 FLAGS = ("asset", "site", "start", "end", "dtdl")
 """What is said of a twin's history, and not of a record."""
 SQLITE = b"SQLite format 3\0"
@@ -24,9 +26,7 @@ def export(
                 "A universal file holds samples, and a twin keeps none. Give a record or a "
                 "recording, or write .csv, .parquet or .json."
             )
-        from .export_twin import export_twin
-
-        export_twin(source, server, **of_twin, form=kind, out=out)
+        _export_twin(source, server, of_twin, kind, out)
         return
     _refuse(of_twin, "a twin's database or --server", f"{source} is a record")
     if kind in ("json", "jsonld"):
@@ -38,6 +38,24 @@ def export(
 
     assert source is not None
     export_record(record_path=source, form=kind, out=out, **given)
+
+
+def _export_twin(
+    source: Path | None, server: str | None, which: dict[str, Any], kind: str, out: Path
+) -> None:
+    version = which.pop("dtdl")
+    graph = "json-ld" if kind == "jsonld" else "dtdl-2" if version == "2" else "dtdl-3"
+    with removed_unless_finished(out):
+        if server is not None:
+            from .export_server import export_server
+
+            export_server(server, kind, out=out, graph_form=graph, **which)
+        else:
+            from .export_database import export_database
+
+            assert source is not None
+            export_database(source, kind, out=out, graph_form=graph, **which)
+    click.echo(f"{out}: {out.stat().st_size:,} bytes")
 
 
 def is_database(source: Path) -> bool:

@@ -5,15 +5,8 @@ from typing import Any, Literal
 
 from slowtime_cli.shared.options import STDOUT
 from slowtime_cli.shared.terminal import note, show, write_json
-from slowtime_cli.twins.twin_query import (
-    TwinQuery,
-    ask_server,
-    problems_told,
-    twin_of_file,
-    without_none,
-)
+from slowtime_cli.twins.twin_query import TwinQuery, ask_server, without_none
 from slowtime_schemas.slow_times import unit_in_words
-from twin_server.serve import foretell
 
 Side = Literal["below", "above"]
 
@@ -34,6 +27,10 @@ def forecast(
         query = {"horizon": horizon, "points": points, **more}
         body = ask_server(asked, "GET", "forecast", query=query)
     else:
+        from twin_server.serve import foretell
+
+        from .file_twin import problems_told, twin_of_file
+
         with twin_of_file(asked) as (knowledge, twin_id, registration), problems_told():
             body = foretell(
                 knowledge, twin_id, registration, horizon, points,

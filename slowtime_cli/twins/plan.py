@@ -2,15 +2,17 @@
 
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from slowtime_cli.shared.options import STDOUT
 from slowtime_cli.shared.terminal import note, show, write_json
-from slowtime_cli.twins.twin_query import TwinQuery, ask_server, problems_told, twin_of_file
+from slowtime_cli.twins.twin_query import TwinQuery, ask_server
 from slowtime_services.client import AnswerError, Client, UnreachableError
-from twin_server.registration.twin import Registration
+
+if TYPE_CHECKING:
+    from twin_server.registration.twin import Registration
 
 
 def plan(
@@ -34,6 +36,8 @@ def plan(
     if asked.server is not None:
         body = ask_server(asked, "GET", "plan")
     else:
+        from .file_twin import problems_told, twin_of_file
+
         with twin_of_file(asked) as (knowledge, twin_id, registration), problems_told():
             _refuse_calendar(asked.source, registration)
             body = knowledge.plan(twin_id)
@@ -42,7 +46,7 @@ def plan(
         note(change)
 
 
-def _refuse_calendar(source: Path | None, registration: Registration) -> None:
+def _refuse_calendar(source: Path | None, registration: "Registration") -> None:
     """Refuse calendar units of a text file, whose slow time has no unit."""
     costs = registration.costs
     text = source is not None and source.suffix.lower() not in (".json", ".mcap")

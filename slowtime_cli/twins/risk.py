@@ -5,7 +5,7 @@ from typing import Any
 
 from slowtime_cli.shared.options import STDOUT
 from slowtime_cli.shared.terminal import note, show, write_json
-from slowtime_cli.twins.twin_query import TwinQuery, ask_server, problems_told, twin_of_file
+from slowtime_cli.twins.twin_query import TwinQuery, ask_server
 
 
 def risk(horizon: float | None, out: Path | None, **twin: Any) -> None:
@@ -14,6 +14,8 @@ def risk(horizon: float | None, out: Path | None, **twin: Any) -> None:
     if asked.server is not None:
         body = ask_server(asked, "GET", "risk", query={"horizon": horizon})
     else:
+        from .file_twin import problems_told, twin_of_file
+
         with twin_of_file(asked) as (knowledge, twin_id, _), problems_told():
             body = knowledge.risk(twin_id, horizon)
     if out is not None:

@@ -1,19 +1,11 @@
-"""A twin to be asked: that of a running server, or one made of a file."""
+"""Which twin is asked: a running server's or one made of a file; and the server's answers."""
 
-import contextlib
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import click
 
-from slowtime_cli.shared.offline_twin import offline_twin
-from slowtime_cli.twins.event import orders_of
-from slowtime_cli.twins.evolve import Changes, registration_of, samples_of
 from slowtime_services.client import AnswerError, Client, UnreachableError
-from twin_server.pipeline import AssetEvents, TwinKnowledge
-from twin_server.registration.twin import Registration, registrations
-from twin_server.serve import ProblemError
 
 
 class TwinQuery(NamedTuple):
@@ -24,7 +16,7 @@ class TwinQuery(NamedTuple):
     asset: str | None
     registration: Path | None
     events: Path | None
-    changes: Changes
+    changes: Literal["stiffness", "mass", "both"]
     nominal_hz: float | None
     nominal_damping: float | None
     learn_epochs: int
@@ -33,51 +25,6 @@ class TwinQuery(NamedTuple):
 def without_none(given: dict[str, Any]) -> dict[str, Any]:
     """Return the entries that are not None."""
     return {name: value for name, value in given.items() if value is not None}
-
-
-@contextlib.contextmanager
-def twin_of_file(asked: TwinQuery) -> Iterator[tuple[TwinKnowledge, str, Registration]]:
-    """Make a twin of a file, and let it be asked."""
-    assert asked.source is not None
-    twin_id, samples = samples_of(asked.source, asked.asset)
-    registration = _registration_of(asked, twin_id)
-    with offline_twin() as (pipeline, store):
-        pipeline.register(twin_id, registration)
-        pipeline.ingest(samples)
-        pipeline.give_up()
-        if not len(store.history(twin_id, limit=1).states):
-            raise click.UsageError(f"{asked.source} holds no epoch. Give one with some.")
-        if asked.events is not None:
-            keeping = AssetEvents(pipeline, store)
-            with problems_told():
-                for order in orders_of(asked.events):
-                    keeping.record(twin_id, registration, order, order.person or "offline")
-        yield TwinKnowledge(pipeline, store), twin_id, registration
-
-
-def _registration_of(asked: TwinQuery, twin_id: str) -> Registration:
-    if asked.registration is not None:
-        found = registrations(asked.registration)
-        if twin_id in found:
-            return found[twin_id]
-        if len(found) == 1 and asked.asset is None:
-            return next(iter(found.values()))
-        raise click.UsageError(
-            f"{asked.registration} registers {', '.join(found) or 'nothing'}, not {twin_id}. "
-            "Name one of them with --asset, or add it."
-        )
-    return registration_of(
-        asked.changes, asked.nominal_hz, asked.nominal_damping, asked.learn_epochs
-    )
-
-
-@contextlib.contextmanager
-def problems_told() -> Iterator[None]:
-    """Convert a problem document of the server to a sentence."""
-    try:
-        yield
-    except ProblemError as error:
-        raise click.UsageError(error.detail) from error
 
 
 def ask_server(

@@ -8,17 +8,8 @@ from typing import Any, cast
 import click
 
 from slowtime_cli.shared.options import STDOUT
-from slowtime_cli.shared.record_input import ReadingFlags, note_reading, read_any
 from slowtime_cli.shared.terminal import note, show, write_json
-from slowtime_cli.twins.twin_query import (
-    TwinQuery,
-    ask_server,
-    problems_told,
-    twin_of_file,
-    without_none,
-)
-from slowtime_services.files import ALL
-from twin_server.orders import SimulationOrder
+from slowtime_cli.twins.twin_query import TwinQuery, ask_server, without_none
 
 
 def whatif(
@@ -37,14 +28,17 @@ def whatif(
     if kind == "recorded":
         load["samples"], options["rate_hz"] = _recorded(record, channel, options["rate_hz"])
     more = {"outputs": list(outputs)} if outputs else {}
-    order = SimulationOrder.model_validate({"load": load, **without_none(options), **more})
+    order = {"load": load, **without_none(options), **more}
     if asked.server is not None:
-        body = ask_server(
-            asked, "POST", "simulate", body=order.model_dump(mode="json", exclude_none=True)
-        )
+        body = ask_server(asked, "POST", "simulate", body=order)
     else:
+        from twin_server.orders import SimulationOrder
+
+        from .file_twin import problems_told, twin_of_file
+
+        checked = SimulationOrder.model_validate(order)
         with twin_of_file(asked) as (knowledge, twin_id, _), problems_told():
-            body = json.loads(knowledge.simulate(twin_id, order))
+            body = json.loads(knowledge.simulate(twin_id, checked))
     if out is not None:
         write_json(out, body)
     if out != STDOUT:
@@ -58,6 +52,10 @@ def whatif(
 def _recorded(
     path: Path | None, channel: str | None, rate_hz: float | None
 ) -> tuple[list[float], float]:
+    # Readers of files bring NumPy and compilers; a load in numbers needs none of them.
+    from slowtime_cli.shared.record_input import ReadingFlags, note_reading, read_any
+    from slowtime_services.files import ALL
+
     assert path is not None
     record = read_any(path, ReadingFlags(rate_hz=rate_hz, keep=(ALL,)))
     note_reading(record)

@@ -27,6 +27,11 @@ from twin_server.identity.principals import Scope
 
 LIGHT = {"click", "slowtime_cli", "slowtime_schemas", "slowtime_services"}
 """Packages, of all that are installed, without which no argument can be read."""
+COMPUTING = {
+    "fastapi", "h5py", "mcap", "numba", "plotly", "scipy", "slowtime", "uvicorn", "zenoh"
+}  # fmt: skip
+"""What computes and serves; a server that is asked does both."""
+SERVING = {"edge_agent", "twin_server.persist", "twin_server.pipeline", "twin_server.serve"}
 PROBE = """
 import contextlib, io, json, sys
 before = set(sys.modules)
@@ -70,16 +75,8 @@ def files_of(command: click.Command):
             yield parameter
 
 
-@functools.cache
-def probed():
-    """Every help, every missing file and a wrong option of each verb, tried in one process."""
-    tries = [["--version"], *([*path, "--help"] for path, _ in commands())]
-    for path, command in commands():
-        tries += [[*path, "--no-such-option"]]
-        for parameter in files_of(command):
-            flag = [parameter.opts[0]] if isinstance(parameter, click.Option) else []
-            tries += [[*path, *flag, "missing.json"]]
-    tries += [["diagnose", "--history", "missing.json"]]
+def told_of(tries):
+    """Status, errors and imports of commands that one process runs, in turn."""
     done = subprocess.run(
         [sys.executable, "-c", PROBE],
         input=json.dumps(tries),
@@ -90,9 +87,72 @@ def probed():
     return json.loads(done.stdout)
 
 
+@functools.cache
+def probed():
+    """Every help, every missing file and a wrong option of each verb, tried in one process."""
+    tries = [["--version"], *([*path, "--help"] for path, _ in commands())]
+    for path, command in commands():
+        tries += [[*path, "--no-such-option"]]
+        for parameter in files_of(command):
+            flag = [parameter.opts[0]] if isinstance(parameter, click.Option) else []
+            tries += [[*path, *flag, "missing.json"]]
+    tries += [["diagnose", "--history", "missing.json"]]
+    return told_of(tries)
+
+
 def test_help_and_refusals_import_nothing_that_takes_long():
     for arguments, _, _, imported in probed():
         heavy = {name for name in imported if name.partition(".")[0] not in LIGHT}
+        assert not heavy, f"slowtime {' '.join(arguments)} imported {sorted(heavy)[:9]}"
+
+
+ASKED = (
+    "forecast --asset lab.a",
+    "risk --asset lab.a",
+    "plan --asset lab.a",
+    "plan --fleet",
+    "whatif --asset lab.a --load step --amplitude 1",
+    "export --asset lab.a --out a.csv",
+    "export --out a.json",
+    "composite list",
+    "composite show lab.a",
+    "composite export --out a.json",
+    "event add lab.a --kind note --text seen",
+    "event list lab.a",
+    "event undo lab.a r1",
+    "alarms deliveries lab.a",
+    "alarms test lab.a",
+    "holdings list",
+    "holdings cancel h1",
+    "quarantine list lab.a",
+    "quarantine drop lab.a 1",
+    "quarantine release lab.a 1",
+)
+"""Each verb that asks a server, but for its address."""
+BESIDE = {
+    "doctor": "asks a router, too",
+    "replay": "reads a recording",
+    "ledger head": "checks signatures",
+    "ledger prove": "reads a recording",
+    "composite add": "reads a file",
+    "composite import": "reads a file",
+}
+"""Verbs that ask a server, and do something beside."""
+
+
+def test_a_verb_that_asks_a_server_imports_the_client_and_nothing_that_computes():
+    for path, command in commands():
+        if any("--server" in parameter.opts for parameter in command.params):
+            verb = " ".join(path)
+            assert verb in BESIDE or any(f"{one} ".startswith(f"{verb} ") for one in ASKED)
+    closed = "http://127.0.0.1:9"
+    for arguments, status, said, imported in told_of(
+        [[*one.split(), "--server", closed] for one in ASKED]
+    ):
+        assert status, arguments
+        assert f"{closed} did not answer" in said
+        heavy = {name for name in imported if name.partition(".")[0] in COMPUTING}
+        heavy |= {name for name in imported if ".".join(name.split(".")[:2]) in SERVING}
         assert not heavy, f"slowtime {' '.join(arguments)} imported {sorted(heavy)[:9]}"
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from typing import Annotated, Any, NamedTuple, Self
 
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, ValidationError, model_validator
 
 from slowtime_schemas.asset_events import AssetEvent, EventContent, EventName, PersonName
 from slowtime_schemas.quantities import Finite
@@ -202,3 +202,27 @@ def _finding_text(event: AssetEvent) -> str:
     if event.detection is not None:
         return ": damage found" if event.detection.detected else ": no damage found"
     return ""
+
+
+def orders_in(content: object) -> list[AssetEventOrder]:
+    """Read orders from JSON content: a list of them, or one.
+
+    Raises
+    ------
+    ValueError
+        Naming the first that cannot be read.
+    """
+    given = content if isinstance(content, list) else [content]
+    found = []
+    for place, one in enumerate(given):
+        try:
+            found.append(AssetEventOrder.model_validate(one))
+        except ValidationError as error:
+            fault = error.errors(include_url=False)[0]
+            where = ".".join(map(str, fault["loc"])) or "event"
+            raise ValueError(
+                f"Event {place + 1}, at {where}: {fault['msg']}. Give what POST "
+                "/api/v1/twins/{id}/events takes, such as "
+                '[{"event": "r1", "kind": "repair", "slow_time": 120.0, "person": "Ann"}].'
+            ) from error
+    return found

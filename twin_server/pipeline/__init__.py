@@ -1,7 +1,7 @@
 """The order of the stages, and the one thread that keeps it: samples in, history out."""
 
 from .alarms import Alarms, NotifierTrigger
-from .asset_events import AssetEvents, orders_in
+from .asset_events import AssetEvents
 from .composites import CompositeRegistry
 from .diagnoses.orders import Diagnoses
 from .feature_traces import FeatureTraces
@@ -31,5 +31,4 @@ __all__ = [
     "UpdateListener",
     "WorkerProcesses",
     "Workers",
-    "orders_in",
 ]

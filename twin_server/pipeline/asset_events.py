@@ -4,8 +4,6 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
-from pydantic import ValidationError
-
 from slowtime_schemas.asset_events import AssetEvent
 from slowtime_services.clock import Clock, SystemClock
 from twin_server.events.asset_events import (
@@ -234,30 +232,6 @@ def quantities_of(registration: Registration) -> tuple[str, ...]:
     if registration.changes == "both":
         return ("stiffness_change", "mass_change")
     return (f"{registration.changes}_change",)
-
-
-def orders_in(content: object) -> list[AssetEventOrder]:
-    """Read orders from JSON content: a list of them, or one.
-
-    Raises
-    ------
-    ValueError
-        Naming the first that cannot be read.
-    """
-    given = content if isinstance(content, list) else [content]
-    found = []
-    for place, one in enumerate(given):
-        try:
-            found.append(AssetEventOrder.model_validate(one))
-        except ValidationError as error:
-            fault = error.errors(include_url=False)[0]
-            where = ".".join(map(str, fault["loc"])) or "event"
-            raise ValueError(
-                f"Event {place + 1}, at {where}: {fault['msg']}. Give what POST "
-                "/api/v1/twins/{id}/events takes, such as "
-                '[{"event": "r1", "kind": "repair", "slow_time": 120.0, "person": "Ann"}].'
-            ) from error
-    return found
 
 
 def _undone(rows: Sequence[AssetEventRow], name: str) -> str | None:
