@@ -134,6 +134,8 @@ def _memory(e: np.ndarray, v: np.ndarray, rate_hz: float, yields_m: float) -> np
             found[k // MEMORY_STEPS] = z
         share = (z / yields_m) ** 2
         z += step * speed * (1.0 - share * (1.0 + np.sign(speed * z)) / 2.0)
+        # The law never goes beyond its yield; an explicit step that is too coarse would.
+        z = min(max(z, -yields_m), yields_m)
     return found
 
 

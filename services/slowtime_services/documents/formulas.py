@@ -27,6 +27,12 @@ def formula_tree(text: str) -> ast.expr:
     --------
     >>> ast.unparse(formula_tree("a+ 2*b"))
     'a + 2 * b'
+
+    A sum of many terms is no deep formula; its terms are added in pairs.
+
+    >>> total = formula_tree(" + ".join(f"x{k}" for k in range(200)))
+    >>> len([node for node in ast.walk(total) if isinstance(node, ast.Name)])
+    200
     """
     if len(text) > MOST_CHARACTERS:
         raise FormulaError(
@@ -38,11 +44,34 @@ def formula_tree(text: str) -> ast.expr:
             tree = ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, SyntaxWarning, ValueError, RecursionError, MemoryError):
         raise FormulaError(f"{text[:80]!r} is not a valid formula.") from None
-    _refuse_beyond(tree)
+    if _is_deep(tree):
+        tree = _in_pairs(tree)
+        if _is_deep(tree):
+            raise FormulaError(f"A formula is nested deeper than {MOST_LEVELS}.")
     return tree
 
 
-def _refuse_beyond(tree: ast.expr) -> None:
+def _in_pairs(tree: ast.expr) -> ast.expr:
+    """Add the terms of a sum in pairs, those with a minus apart: as deep as their logarithm."""
+    added: list[ast.expr] = []
+    taken: list[ast.expr] = []
+    while isinstance(tree, ast.BinOp) and isinstance(tree.op, ast.Add | ast.Sub):
+        (added if isinstance(tree.op, ast.Add) else taken).append(tree.right)
+        tree = tree.left
+    total = _total([tree, *reversed(added)])
+    return ast.BinOp(total, ast.Sub(), _total(taken[::-1])) if taken else total
+
+
+def _total(terms: list[ast.expr]) -> ast.expr:
+    while len(terms) > 1:
+        pairs = zip(terms[::2], terms[1::2], strict=False)
+        odd = terms[-1:] if len(terms) % 2 else []
+        terms = [ast.BinOp(left, ast.Add(), right) for left, right in pairs] + odd
+    return terms[0]
+
+
+def _is_deep(tree: ast.expr) -> bool:
+    """Whether operations are nested too deep; a number beyond all floats is refused."""
     level: list[ast.AST] = [tree]
     for _ in range(MOST_LEVELS + 1):
         for node in level:
@@ -55,8 +84,8 @@ def _refuse_beyond(tree: ast.expr) -> None:
             if isinstance(inner, ast.expr)
         ]
         if not level:
-            return
-    raise FormulaError(f"A formula is nested deeper than {MOST_LEVELS}.")
+            return False
+    return True
 
 
 def _refuse_infinite(value: float) -> None:

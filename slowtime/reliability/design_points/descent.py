@@ -65,7 +65,9 @@ def gradient(g: G, u: np.ndarray, step: float = STEP) -> tuple[float, np.ndarray
     Value, and gradient [input].
     """
     values = g(np.concatenate([u[None], u + step * np.eye(len(u))]))
-    return float(values[0]), (values[1:] - values[0]) / step
+    # Where points count as failed without a value, the slope is no number.
+    with np.errstate(invalid="ignore"):
+        return float(values[0]), (values[1:] - values[0]) / step
 
 
 def descend(g: G, start: np.ndarray, scale: float, *, again: bool = False) -> Descent | None:

@@ -110,7 +110,13 @@ def active_learning(
             break
         design = np.concatenate([design, best[None]])
         values = np.concatenate([values, g(best[None])])
-    return _result(population, predict, (middle, lo, hi), g.calls, settled)
+    told = (
+        f"{np.sum(~np.isfinite(values))} of {len(values)} runs have no value and count as "
+        "failed: how near to failure they are is unknown, and the interval may be too narrow. "
+        "Compare with directional simulation.",
+    )
+    doubts = () if np.isfinite(values).all() else told
+    return _result(population, predict, (middle, lo, hi), g.calls, settled, doubts)
 
 
 Predict = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -119,8 +125,10 @@ Predict = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 def _tamed(values: np.ndarray) -> np.ndarray:
     """Keep what counts as failed finite, and the largest values from ruling the scale."""
     finite = values[np.isfinite(values)]
-    size = 10.0 * float(np.median(np.abs(finite))) if len(finite) else 1.0
-    size = size or 1.0
+    middle = (float(np.median(np.abs(finite))) if len(finite) else 0.0) or 1.0
+    # Minus infinity says that a point fails, and not how much; a cliff would rule the process.
+    values = np.where(np.isfinite(values), values, -middle)
+    size = 10.0 * middle
     if np.all(np.abs(values) <= size):
         return values
     return np.asarray(size * np.arcsinh(np.clip(values / size, -1e3, 1e3)))
@@ -177,8 +185,9 @@ def _result(
     ends: tuple[float, float, float],
     calls: int,
     settled: bool,
+    doubts: tuple[str, ...],
 ) -> Result:
-    warnings: list[str] = []
+    warnings = [*doubts]
     if not settled:
         warnings.append(
             f"After {calls} runs the sign of the limit state is still doubtful where it "

@@ -125,7 +125,8 @@ def _levels(
     log_weight = np.zeros(samples)
     values = g(u)
     for _ in range(LEVELS):
-        threshold = max(float(np.quantile(values, SHARE)), 0.0)
+        # A value of those that are there: what counts as failed may be minus infinity.
+        threshold = max(float(np.quantile(values, SHARE, method="higher")), 0.0)
         chosen = values <= threshold
         log_w = log_weight[chosen]
         density = fit(u[chosen], np.exp(log_w - log_w.max()), components, rng)

@@ -122,7 +122,7 @@ def _crossings(
     lo, hi, a, b = lo.copy(), hi.copy(), at_lo.copy(), at_hi.copy()
     inside = at_lo <= 0.0
     moved = np.zeros(len(lo))
-    root = 0.5 * (lo + hi)
+    root = lo
     going = np.ones(len(lo), dtype=bool)
     for _ in range(REFINEMENTS):
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):

@@ -5,10 +5,17 @@ r"""Importance sampling about all design points, with an adaptive mixture.
 
 with :math:`\bar\pi_k` the share of all samples that component k has drawn (the balance
 heuristic of Veach and Guibas 1995).
+
+A mixture that hardly draws where most failures lie believes its error small. Chains that walk
+from failing points to the distribution of failures itself (`failure_chains`) see such places:
+the mean of their ratios is the second moment of the weights over the probability, by another
+road than the weights themselves.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from slowtime.reliability.design_points.search import (
     Found,
@@ -21,10 +28,12 @@ from slowtime.reliability.design_points.search import (
 from slowtime.reliability.problem import Evaluator, Problem
 from slowtime.reliability.result import DesignPoint, Result, Stopping, sampled
 
+from .failure_chains import walk
 from .mixture_density import (
     LOOKOUT,
     Component,
     about,
+    about_chains,
     broad,
     first_shares,
     floored,
@@ -67,6 +76,15 @@ EVEN = 0.02
 HEAVY = 0.05
 """Share of one weight in the whole estimate at which it is not to be trusted."""
 
+LEAST_TAUGHT = 10
+"""[failures] From which anything is learnt. Source: a share that is told by ten is known to a
+third."""
+
+MISSED = 3.0
+"""Times the variance that the chains may see and the weights do not [1]: their own scatter on
+mixtures that cover all failures, over the problems of the tests, stays below. Source:
+`tests/slowtime/reliability/coverage.py`."""
+
 REACH = 36.0
 """Distance from the origin from which a design point is left out: the probability beyond it,
 1e-283, is near the least that double precision holds."""
@@ -81,6 +99,10 @@ class Sample:
         self.failed = np.empty(0, dtype=bool)
         self.log_ratios = np.empty((0, len(components)))
         self.drawn = np.zeros(len(components))
+        self.walked = np.empty((0, inputs))
+        """Ends of chains that walked from the failures [chain input]."""
+        self.lowered: list[int] = []
+        """Which components are tails that begin where chains ended."""
 
     def add_components(self, new: list[Component]) -> None:
         """Add components that have drawn nothing yet."""
@@ -110,7 +132,7 @@ class Sample:
         counts = np.diff(np.floor(edges + rng.uniform())).astype(int)
         parts = zip(self.components, counts, strict=True)
         u = np.concatenate([c.draw(rng, int(k)) for c, k in parts if k])
-        ratios = np.stack([component.log_ratio(u) for component in self.components], axis=1)
+        ratios = _log_ratios(self.components, u)
         self.failed = np.concatenate([self.failed, g(u) <= 0.0])
         self.u = np.concatenate([self.u, u])
         self.log_ratios = np.concatenate([self.log_ratios, ratios])
@@ -148,9 +170,37 @@ class Sample:
             share = np.log(self.drawn / self.drawn.sum())
         return np.asarray(np.exp(-np.logaddexp.reduce(share + other.log_ratios[which], axis=1)))
 
+    def reached(self, points: Sequence[DesignPoint]) -> Bool[np.ndarray, " sample"]:
+        """Which points a design point explains, or a tail that begins where chains ended."""
+        beyond = np.isfinite(self.log_ratios[:, self.lowered]).any(axis=1)
+        return np.asarray(explained(self.u, list(points)) | beyond)
+
+    def missed(self) -> float:
+        """Second moment of the weights by the chains over that by the weights [1].
+
+        Much above one where chains end in failures that were hardly drawn.
+        """
+        weight = self.weights()
+        if not len(self.walked) or not weight.any():
+            return 0.0
+        most = weight.max()
+        own = float(np.mean((weight / most) ** 2) / np.mean(weight / most)) * most
+        return float(np.mean(self.ratios_of(self.walked)) / own)
+
+    def ratios_of(self, u: Float[np.ndarray, "point input"]) -> Float[np.ndarray, " point"]:
+        """Divide the standard normal density by that of the mixture, at any points."""
+        with np.errstate(divide="ignore"):
+            share = np.log(self.drawn / self.drawn.sum())
+        logs = _log_ratios(self.components, u)
+        return np.asarray(np.exp(-np.logaddexp.reduce(share + logs, axis=1)))
+
     def weights(self) -> Float[np.ndarray, " sample"]:
         """Contribution of each point to the probability, times their number."""
         return np.where(self.failed, self.ratios(), 0.0)
+
+
+def _log_ratios(components: Sequence[Component], u: np.ndarray) -> np.ndarray:
+    return np.stack([component.log_ratio(u) for component in components], axis=1)
 
 
 def importance(
@@ -188,7 +238,6 @@ def importance(
     sample, about_points = explore(g, rng, stopping, found, search or Search())
     weight = sample.weights()
     value, variation = _estimate(sample)
-    warnings = () if found.points else found.warnings
     return sampled(
         "importance",
         value,
@@ -198,7 +247,7 @@ def importance(
         design_points=tuple(
             sensitivities(problem, p) for p in sorted(about_points, key=lambda p: abs(p.beta))
         ),
-        warnings=(*warnings, *_degenerate(weight)),
+        warnings=_doubts(sample, weight),
     )
 
 
@@ -260,6 +309,9 @@ def _foreseen(counted: Sample, learning: Sample) -> float:
         return variation
     theirs = learning.ratios()[failed]
     spread = max(_spread(theirs, counted.ratios_at(learning, failed), len(failed)), 0.0)
+    if len(learning.walked):
+        counted.walked = learning.walked
+        spread = max(spread, float(np.mean(counted.ratios_of(learning.walked))) / value - 1.0)
     return max(variation, float(np.sqrt(spread / len(counted.u))) * LENIENT)
 
 
@@ -296,24 +348,44 @@ def _learn(
 ) -> np.ndarray:
     """Draw and learn until no point is much heavier than others; components are added.
 
-    A heavy failure beyond all tangent planes starts a descent to a further design point; any
-    other gets a component of its own.
+    Chains say at which distances along the axes of design points failures lie. A heavy failure
+    that nothing explains starts a descent to a further design point; any other gets a component
+    of its own.
     """
+    unseen = True
     for number in range(LESSONS):
         count = PILOT + 8 * len(learning.components)
         learning.draw(g, share, _allowed(g, stopping, count), rng)
         weight = learning.weights()
+        seen: list[Component] = []
+        if unseen and g.calls < stopping.calls:
+            unseen = _walked(g, learning, weight, rng)
+            seen = about_chains(learning.walked, points)
+            first = len(learning.components)
+            learning.add_components(seen)
+            learning.lowered += [first + k for k, c in enumerate(seen) if c.kind == "tail"]
         new, at = _further(g, learning, weight, points, search)
         points += new
-        added = [c for point in new for c in about(point)] + at
-        if added:
-            learning.add_components(added)
-            share = np.append(share, np.full(len(added), share.mean()))
+        own = [c for point in new for c in about(point)] + at
+        learning.add_components(own)
+        added = len(seen) + len(own)
+        share = np.append(share, np.full(added, share.mean()))
         share = _learnt(learning, share / share.sum(), points)
         # The second round is drawn from what was learnt, and tells how well that does.
         if (number and not added) or g.calls >= stopping.calls:
             break
     return share
+
+
+def _walked(
+    g: Evaluator, learning: Sample, weight: np.ndarray, rng: np.random.Generator
+) -> bool:
+    """Let chains walk from the failures; whether they end where few points were drawn."""
+    failed = learning.failed
+    if failed.sum() < LEAST_TAUGHT:
+        return True
+    learning.walked = walk(g, learning.u[failed], weight[failed], rng)
+    return bool(learning.missed() > MISSED)
 
 
 def _allowed(g: Evaluator, stopping: Stopping, count: int) -> int:
@@ -338,18 +410,24 @@ def _learnt(sample: Sample, before: np.ndarray, points: list[DesignPoint]) -> np
     """Shares by what failed so far, and in part as before: few failures teach little."""
     weight = sample.weights()
     failed = sample.failed
-    if failed.sum() < 10:
+    if failed.sum() < LEAST_TAUGHT:
         return before
     wide = np.array([component.kind == "broad" for component in sample.components])
     start = np.full(len(wide), 1.0 / len(wide))
     part = weight[failed] / weight.sum()
-    # What no tangent plane explains lies between components, where few points carry much.
-    between = float(part[~explained(sample.u[failed], points)].sum())
+    # What nothing explains lies between components, where few points carry much.
+    between = float(part[~sample.reached(points)[failed]].sum())
     doubt = min(4.0 * between, 1.0)
     if _spherical(points, sample.u.shape[1]):
         doubt = 1.0
     lookout = LOOKOUT + doubt * (0.5 - LOOKOUT)
-    learnt = learnt_shares(sample.log_ratios[failed], part, start, wide, lookout=lookout)
+    logs = sample.log_ratios[failed]
+    if len(sample.walked):
+        # Chains say where failures are, the weights how many: where they agree, so do both.
+        logs = np.concatenate([logs, _log_ratios(sample.components, sample.walked)])
+        ends = np.full(len(sample.walked), 0.5 / len(sample.walked))
+        part = np.concatenate([0.5 * part, ends])
+    learnt = learnt_shares(logs, part, start, wide, lookout=lookout)
     kept = KEPT * (1.0 + doubt)
     return floored((1.0 - kept) * learnt + kept * before, wide, lookout)
 
@@ -379,15 +457,18 @@ def _further(
     """Design points and components for the heaviest failures."""
     heavy = np.flatnonzero(weight > NOTABLE * weight.sum())
     heavy = heavy[np.argsort(-weight[heavy])]
+    reached = sample.reached(points)
     new: list[DesignPoint] = []
     at: list[Component] = []
     centres: list[np.ndarray] = []
-    for u in sample.u[heavy]:
+    for which in heavy:
+        u = sample.u[which]
         if any(np.linalg.norm(u - centre) < NEAR for centre in centres):
             continue
         centres.append(u)
         known = points + new
-        if known and not explained(u[None], known)[0] and not _spherical(known, len(u)):
+        told = reached[which] or explained(u[None], new)[0]
+        if known and not told and not _spherical(known, len(u)):
             point = descend_from(g, u, known, search)
             if point is not None:
                 new.append(point)
@@ -399,14 +480,20 @@ def _further(
     return new, at
 
 
-def _degenerate(weight: np.ndarray) -> tuple[str, ...]:
+def _doubts(sample: Sample, weight: np.ndarray) -> tuple[str, ...]:
     if not weight.sum() > 0.0:
         return ()
     heaviest = float(weight.max() / weight.sum())
-    if heaviest <= HEAVY:
-        return ()
-    return (
-        f"One point of {len(weight)} carries {100 * heaviest:.0f} % of the probability: "
-        "failures lie where few points were drawn, and the interval is too narrow. Use subset "
-        "simulation.",
-    )
+    if heaviest > HEAVY:
+        return (
+            f"One point of {len(weight)} carries {100 * heaviest:.0f} % of the probability: "
+            "failures lie where few points were drawn, and the interval is too narrow. Use "
+            "subset simulation.",
+        )
+    if sample.missed() > MISSED:
+        return (
+            f"Chains that walk from the failures see {sample.missed():.2g} times the variance "
+            "that the points drawn see: failures lie where few were drawn, and the interval is "
+            "too narrow. Use subset simulation.",
+        )
+    return ()

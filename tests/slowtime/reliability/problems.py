@@ -200,6 +200,32 @@ def exponentials(most, size):
     return Problem(named(laws), lambda x: most - x.sum(axis=1))
 
 
+def lognormals(most, size, sd):
+    laws = [lognormal(1.0, sd)] * size
+    return Problem(named(laws), lambda x: most - x.sum(axis=1))
+
+
+def beyond_lognormals(most, size, sd, step=2.0**-12):
+    """Probability that a sum of lognormal inputs exceeds `most`, by powers of its transform."""
+    log_sd = np.sqrt(np.log1p(sd**2))
+    law = stats.lognorm(log_sd, scale=np.exp(-0.5 * log_sd**2))
+    each = np.diff(law.cdf(np.arange(-0.5, 8.0 / step) * step))
+    count = 2**20
+    total = np.fft.irfft(np.fft.rfft(each, count) ** size, count)
+    return float(total[np.arange(count) * step > most].sum())
+
+
+def root_of_margin():
+    """Strength less load under a root, which is no number where the load is larger."""
+    laws = {"r": normal(10.0, 1.0), "s": normal(6.0, 1.0)}
+
+    def g(x):
+        with np.errstate(invalid="ignore"):
+            return np.sqrt(x[:, 0] - x[:, 1])
+
+    return Problem(laws, g, invalid="fails")
+
+
 def two_sided(beta):
     return Problem(unknowns(2), lambda u: beta - np.abs(u[:, 0]))
 
@@ -255,6 +281,10 @@ def closed_forms() -> dict[str, Known]:
         known[f"two-sided {p:.0e}"] = Known(two_sided(stats.norm.isf(p / 2.0)), p)
         log_mean = stats.norm.isf(p) * np.hypot(0.1, 0.2)
         known[f"strength and load {p:.0e}"] = Known(strength_and_load(log_mean), p)
+    known["lognormals 100"] = Known(
+        lognormals(106.0, 100, 0.2), beyond_lognormals(106.0, 100, 0.2)
+    )
+    known["root of a margin"] = Known(root_of_margin(), stats.norm.sf(4.0 / np.sqrt(2.0)))
     return known
 
 

@@ -3,10 +3,12 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from slowtime.reliability import METHODS
 from slowtime_cli.verbs.models import reliability
+from slowtime_services.problem_files.reliability import read_problem
 
 EXAMPLE = Path(__file__).parents[3] / "docs/examples/column.yaml"
 BEAM = """slowtime_reliability: 1
@@ -120,6 +122,16 @@ def test_a_file_that_is_wrong_is_refused_with_line_and_cure(refused, tmp_path, t
 
     path = write(tmp_path, text)
     assert re.search(said, refused("reliability", str(path)))
+
+
+def test_a_file_may_add_many_inputs(tmp_path):
+    laws = "".join(f"  x{k}: {{marginal: normal, mean: 1, sd: 1}}\n" for k in range(200))
+    total = " - ".join(f"x{k} + x{k + 1}" for k in range(0, 200, 2))
+    path = write(tmp_path, f"slowtime_reliability: 1\ninputs:\n{laws}limit_state: {total}\n")
+    limit_state = read_problem(path).limit_state
+    x = np.random.default_rng(1).standard_normal((5, 200))
+    signs = np.array([1.0, *[s for _ in range(99) for s in (1.0, -1.0)], 1.0])
+    assert limit_state(x) == pytest.approx(x @ signs)
 
 
 def test_nan_is_refused_unless_told_to_count_as_failed(run, refused, tmp_path):
