@@ -1,6 +1,7 @@
 """The recorder of a bus, in a thread of its own."""
 
 import collections
+import concurrent.futures
 import dataclasses
 import functools
 import logging
@@ -23,6 +24,7 @@ from slowtime_schemas.streams import (
 from slowtime_services.bus import Bus, Inbox, Sample, TwoVersionBus
 from slowtime_services.clock import Clock, SystemClock
 
+from .recovery import repack
 from .retransmission import Retransmission
 from .series import Series
 from .writer import CHUNK_BYTES, RecordingWriter, free_path
@@ -152,6 +154,7 @@ class Recorder:
                 f"{keep_bytes} that they may. Move some away, or allow more."
             )
         self._writer = RecordingWriter(self._paths[0])
+        self._repacking = concurrent.futures.ThreadPoolExecutor(1, "recorder-repack")
         self._began = self._flushed = time.monotonic()
         bus = TwoVersionBus(bus)
         self._healer = Retransmission(bus, self._arrive)
@@ -214,6 +217,8 @@ class Recorder:
         self._closing.set()
         for thread in reversed(self._threads):
             thread.join()
+        self._repacking.shutdown()
+        self._bytes_on_disk = self._size()
         if self._failure is not None:
             raise self._failure
         recording = self.recording
@@ -244,8 +249,7 @@ class Recorder:
                 for arrival in self._inbox.take(1000, timeout_s=self._flush_s / 2):
                     self._write(arrival)
                 self._keep()
-            self._writer.close()
-            self._bytes_on_disk = self._size()
+            self._end_file()
         except Exception as error:
             self._failure = error
             self._inbox.close()
@@ -289,7 +293,7 @@ class Recorder:
             self._healer.note(sample.key, sample.payload)
         self._counts[stream.name] += 1
         if not self._writer.has_room_for(stream, site, asset):
-            self._writer.close()
+            self._end_file()
             self._begin_another()
         self._writer.write(stream, site, asset, sample.payload, arrival.log_ns, sample.sent_ns)
 
@@ -310,9 +314,14 @@ class Recorder:
         too_large = self._rotate_bytes and self._writer.bytes_written >= self._rotate_bytes
         too_old = self._rotate_s and now - self._began >= self._rotate_s
         if too_large or too_old:
-            self._writer.close()
+            self._end_file()
             self._begin_another()
             self._began = now
+
+    def _end_file(self) -> None:
+        """Close the file, and join its chunks beside what goes on."""
+        if self._writer.close() and self._writer.is_worth_repacking:
+            self._repacking.submit(_repack, self._paths[-1])
 
     def _go_on_elsewhere(self) -> None:
         """Begin another file, because the last one was moved, deleted or replaced."""
@@ -347,7 +356,7 @@ class Recorder:
             return True
         assert self._keep_bytes is not None
         if self._when_full == "stop":
-            self._writer.close()
+            self._end_file()
             self._full.set()
             logger.error(
                 "Recording has ended: the files of %s have reached the %d bytes that they may "
@@ -374,6 +383,13 @@ class Recorder:
     def _size(self) -> int:
         """Bytes of the files of this run that are still there."""
         return sum(path.stat().st_size for path in self._paths if path.exists())
+
+
+def _repack(path: Path) -> None:
+    try:
+        repack(path)
+    except OSError as error:
+        logger.warning("%s keeps its small chunks, which are sound: %s", path, error)
 
 
 @functools.lru_cache(maxsize=65536)

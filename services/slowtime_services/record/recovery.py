@@ -26,6 +26,8 @@ from mcap.records import (
 from mcap.stream_reader import breakup_chunk
 from mcap.writer import MCAP0_MAGIC, Writer
 
+from slowtime_services.operating_system import same_file
+
 from .chunks import Unpacking
 from .fragments import fragment_of, whole_records, without_zeros
 from .scanning import Broken, Piece, scan
@@ -154,6 +156,8 @@ def recover(path: Path | str, out: Path | str) -> Recovered:
                 for record in _readable(data, salvage):
                     salvage.keep(record)
             salvage.finish()
+            file.flush()
+            os.fsync(file.fileno())
         os.replace(partial, out)
     finally:
         partial.unlink(missing_ok=True)
@@ -169,6 +173,23 @@ def recover(path: Path | str, out: Path | str) -> Recovered:
         unread_bytes=salvage.unread_bytes,
         was_sound=salvage.complete and not salvage.damaged_chunks,
     )
+
+
+def repack(path: Path) -> None:
+    """Join the chunks of a sound recording to large ones, in place of the file at once.
+
+    A recording that was flushed twice a second holds a chunk for each message or two, which
+    take twenty times the room and the time to read. Messages, their order, times and numbers
+    stay. A file that is damaged, or was moved or replaced meanwhile, is left as it is.
+    """
+    packed = path.with_name(path.name + ".repacked")
+    try:
+        with path.open("rb") as before:
+            found = recover(path, packed)
+            if found.was_sound and same_file(before.fileno(), path):
+                os.replace(packed, path)
+    finally:
+        packed.unlink(missing_ok=True)
 
 
 def _check_magic(path: Path, file: BinaryIO) -> None:

@@ -18,8 +18,11 @@ from slowtime_services.operating_system import same_file
 from .channels import describe
 
 CHUNK_BYTES = 2**20
-CHUNK_NS = 10**9
-"""Longest time that the messages of a chunk cover, those longer by themselves excepted."""
+"""[bytes] After which a chunk ends, before compression. Source: the MCAP library's default;
+a reader unpacks one in some milliseconds."""
+MOST_REPACKED = 200_000
+"""[messages] Of a file that is repacked when it is closed. Source: it takes some 20 s;
+`slowtime recover` repacks any."""
 MOST_CHANNELS = 2**16 - 1
 """Channels of a file, each a stream of an asset: MCAP numbers them with 16 bits, from 1."""
 LIBRARY = "slowtime"
@@ -42,9 +45,9 @@ def software() -> str:
 class RecordingWriter:
     """An MCAP file being written.
 
-    Chunks end after a mebibyte, a second of data, or at `flush`, never by a clock, so that an
-    import writes the same bytes each time and a file that breaks off has lost a second at most;
-    who records from a bus calls `flush` twice a second.
+    Chunks end after `CHUNK_BYTES`, or at `flush`, never by a clock, so that an import writes
+    the same bytes each time. Who records from a bus calls `flush` twice a second, which leaves
+    small chunks; `repack` joins them once the file is closed.
 
     Parameters
     ----------
@@ -78,9 +81,8 @@ class RecordingWriter:
         self._schemas: dict[str, int] = {}
         self._sequences: dict[int, int] = collections.defaultdict(int)
         self._counts: dict[str, int] = collections.defaultdict(int)
-        self._chunk_ns: int | None = None
-        """When the chunk that is being filled begins."""
-        self._closed = False
+        self._flushes = 0
+        self._closed, self._bytes = False, 0
         self._writer.start(profile="", library=LIBRARY)
         self._writer.add_metadata(
             LIBRARY,
@@ -96,7 +98,13 @@ class RecordingWriter:
     @property
     def bytes_written(self) -> int:
         """Bytes passed to the file."""
-        return self._file.tell()
+        return self._bytes if self._closed else self._file.tell()
+
+    @property
+    def is_worth_repacking(self) -> bool:
+        """Whether flushes ended most chunks early, and there are not too many messages."""
+        few = sum(self._counts.values()) <= MOST_REPACKED
+        return few and self._flushes > 2 * (1 + self.bytes_written // CHUNK_BYTES)
 
     def has_room_for(self, stream: Stream, site: str, asset: str) -> bool:
         """Whether the file has, or can have, a channel of a stream of an asset."""
@@ -111,8 +119,6 @@ class RecordingWriter:
         payload: bytes,
         log_ns: int,
         publish_ns: int | None = None,
-        *,
-        until_ns: int | None = None,
     ) -> None:
         """Append one payload as it is.
 
@@ -122,8 +128,6 @@ class RecordingWriter:
             When it arrived; of imported samples, the sensor's time of the first.
         publish_ns
             When it was sent, where known.
-        until_ns
-            When what it tells of ends, of samples that last.
 
         Raises
         ------
@@ -135,7 +139,6 @@ class RecordingWriter:
                 f"A recording has at most {MOST_CHANNELS} channels, one for each stream of "
                 f"each asset; {site}.{asset} would need another. Begin another file."
             )
-        self._begin_chunk(log_ns, log_ns if until_ns is None else until_ns)
         where = (stream.name, site, asset)
         channel = self._channels.get(where)
         if channel is None:
@@ -158,7 +161,7 @@ class RecordingWriter:
         `sync` the end of the power too.
         """
         self._writer.flush()  # type: ignore[no-untyped-call]
-        self._chunk_ns = None
+        self._flushes += 1
         if sync:
             os.fsync(self._file.fileno())
 
@@ -170,19 +173,21 @@ class RecordingWriter:
         """Whether `path` leads to the file that is written."""
         return same_file(self._file.fileno(), path)
 
-    def close(self) -> None:
-        """Write the index and end the file; a second time does nothing."""
+    def close(self) -> bool:
+        """Write the index and end the file; a second time does nothing, and says False."""
         if self._closed:
-            return
+            return False
         self._closed = True
         try:
             counts = {name: str(count) for name, count in sorted(self._counts.items())}
             self._writer.add_metadata(f"{LIBRARY}.counts", counts)
             self._writer.finish()  # type: ignore[no-untyped-call]
             self._file.flush()
+            self._bytes = self._file.tell()
         finally:
             if self._owns_file:
                 self._file.close()
+        return True
 
     def abandon(self) -> None:
         """Leave the file without its index; `recover` makes it sound."""
@@ -198,16 +203,6 @@ class RecordingWriter:
     def __exit__(self, *_: object) -> None:
         """Close."""
         self.close()
-
-    def _begin_chunk(self, log_ns: int, until_ns: int) -> None:
-        """End the chunk where this message would make it longer than a second."""
-        begins = self._chunk_ns
-        if begins is not None and not (
-            begins <= log_ns < begins + CHUNK_NS and until_ns <= begins + CHUNK_NS
-        ):
-            self.flush()
-        if self._chunk_ns is None:
-            self._chunk_ns = log_ns
 
     def _open_channel(self, stream: Stream, site: str, asset: str) -> int:
         description = describe(stream)

@@ -273,3 +273,48 @@ def test_a_recording_whose_file_is_taken_away_goes_on_in_another_and_says_so(
     if harm == "moved":
         whole = read_recording(tmp_path / "elsewhere.mcap")
         assert [message.payload for message in whole] == [b"before"]
+
+
+def chunks_of(path):
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    return len(summary.chunk_indexes)
+
+
+def test_a_closed_recording_has_few_chunks_though_each_message_was_flushed(
+    tmp_path, eventually
+):
+    bus, path = MemoryBus(), tmp_path / "a.mcap"
+    sent = [json.dumps({"i": i, "f": math.sqrt(i)}).encode() for i in range(40)]
+    with Recorder(bus, path, flush_s=0.002) as recorder:
+        for payload in sent:
+            before = recorder.recording.bytes_written
+            bus.publish(KEY, payload, encoding="x")
+            assert eventually(lambda b=before: recorder.recording.bytes_written > b)
+        shutil.copy(path, tmp_path / "live.mcap")
+    recover(tmp_path / "live.mcap", tmp_path / "cut.mcap")
+    for kept in (path, tmp_path / "cut.mcap"):
+        assert [message.payload for message in read_recording(kept)] == sent, kept
+    assert chunks_of(path) == 1
+    assert path.stat().st_size < (tmp_path / "live.mcap").stat().st_size
+    assert recorder.recording.bytes_written == path.stat().st_size
+    assert [*tmp_path.glob("*.repacked*")] == []
+
+
+def test_a_recording_that_cannot_be_repacked_stays_as_it_was_written(tmp_path, monkeypatch):
+    bus, path = MemoryBus(), tmp_path / "a.mcap"
+    refused = OSError("no space left on device")
+    monkeypatch.setattr("slowtime_services.record.recovery.recover", lambda *_: raised(refused))
+    with Recorder(bus, path, flush_s=0.002) as recorder:
+        for i in range(9):
+            bus.publish(KEY, b"%d" % i, encoding="x")
+            time.sleep(0.01)
+    assert recorder.recording.counts == {"features": 9}
+    assert [message.payload for message in read_recording(path)] == [
+        b"%d" % i for i in range(9)
+    ]
+
+
+def raised(error):
+    raise error
