@@ -49,7 +49,9 @@ def import_(
                 units=block.units,
             )
             payload = encode_raw(header, samples.tobytes())
-            writer.write(RAW, site, name, payload, block.start_ns, block.start_ns)
+            writer.write(
+                RAW, site, name, payload, block.start_ns, block.start_ns, until_ns=block.end_ns
+            )
             tell(number + 1)
     click.echo(
         f"{out}: {len(record.samples)} samples of {', '.join(record.channels)} at "

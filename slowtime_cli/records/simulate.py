@@ -94,6 +94,7 @@ def _as_recording(simulated: Simulated, epochs: int, name: str, out: Path) -> No
                 payload,
                 block.start_ns,
                 block.start_ns,
+                until_ns=block.end_ns,
             )
             tell((block.epoch or 0) + 1)
 

@@ -20,6 +20,8 @@ from .channels import describe
 CHUNK_BYTES = 2**20
 """[bytes] After which a chunk ends, before compression. Source: the MCAP library's default;
 a reader unpacks one in some milliseconds."""
+CHUNK_NS = 10**9
+"""Longest time that the messages of a chunk cover, those longer by themselves excepted."""
 MOST_REPACKED = 200_000
 """[messages] Of a file that is repacked when it is closed. Source: it takes some 20 s;
 `slowtime recover` repacks any."""
@@ -45,9 +47,10 @@ def software() -> str:
 class RecordingWriter:
     """An MCAP file being written.
 
-    Chunks end after `CHUNK_BYTES`, or at `flush`, never by a clock, so that an import writes
-    the same bytes each time. Who records from a bus calls `flush` twice a second, which leaves
-    small chunks; `repack` joins them once the file is closed.
+    Chunks end after a mebibyte, a second of data, or at `flush`, never by a clock, so that an
+    import writes the same bytes each time and a file that breaks off has lost a second at most;
+    who records from a bus calls `flush` twice a second. Where that leaves many small chunks,
+    `repack` joins them once the file is closed.
 
     Parameters
     ----------
@@ -81,6 +84,8 @@ class RecordingWriter:
         self._schemas: dict[str, int] = {}
         self._sequences: dict[int, int] = collections.defaultdict(int)
         self._counts: dict[str, int] = collections.defaultdict(int)
+        self._chunk_ns: int | None = None
+        """When the chunk that is being filled begins."""
         self._flushes = 0
         self._closed, self._bytes = False, 0
         self._writer.start(profile="", library=LIBRARY)
@@ -119,6 +124,8 @@ class RecordingWriter:
         payload: bytes,
         log_ns: int,
         publish_ns: int | None = None,
+        *,
+        until_ns: int | None = None,
     ) -> None:
         """Append one payload as it is.
 
@@ -128,6 +135,8 @@ class RecordingWriter:
             When it arrived; of imported samples, the sensor's time of the first.
         publish_ns
             When it was sent, where known.
+        until_ns
+            When what it tells of ends, of samples that last.
 
         Raises
         ------
@@ -139,6 +148,7 @@ class RecordingWriter:
                 f"A recording has at most {MOST_CHANNELS} channels, one for each stream of "
                 f"each asset; {site}.{asset} would need another. Begin another file."
             )
+        self._begin_chunk(log_ns, log_ns if until_ns is None else until_ns)
         where = (stream.name, site, asset)
         channel = self._channels.get(where)
         if channel is None:
@@ -161,6 +171,7 @@ class RecordingWriter:
         `sync` the end of the power too.
         """
         self._writer.flush()  # type: ignore[no-untyped-call]
+        self._chunk_ns = None
         self._flushes += 1
         if sync:
             os.fsync(self._file.fileno())
@@ -203,6 +214,16 @@ class RecordingWriter:
     def __exit__(self, *_: object) -> None:
         """Close."""
         self.close()
+
+    def _begin_chunk(self, log_ns: int, until_ns: int) -> None:
+        """End the chunk where this message would make it longer than a second."""
+        begins = self._chunk_ns
+        if begins is not None and not (
+            begins <= log_ns < begins + CHUNK_NS and until_ns <= begins + CHUNK_NS
+        ):
+            self.flush()
+        if self._chunk_ns is None:
+            self._chunk_ns = log_ns
 
     def _open_channel(self, stream: Stream, site: str, asset: str) -> int:
         description = describe(stream)

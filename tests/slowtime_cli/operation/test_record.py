@@ -42,7 +42,7 @@ def test_a_recording_of_samples_alone_is_read_by_an_edge_agent_on_the_way(run, t
     done = run("replay", "raw.mcap", "--into", "a.sqlite")
     assert done.status == 0
     assert re.fullmatch(r"demo.tank  sha256:[0-9a-f]{64}  of 2 features\n", done.out)
-    assert "raw.mcap holds samples and no features; an edge agent with default" in done.err
+    assert "raw.mcap holds samples but no features; an edge agent with default" in done.err
     assert run("replay", "raw.mcap", "--into", "b.sqlite").out == done.out
     said = run("layout", "raw.mcap", "--out", "layout.json")
     assert said.status == 2
