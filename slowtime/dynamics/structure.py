@@ -28,6 +28,9 @@ class Structure:
     base_mass
         Column by which mass spread along elements couples the coordinates to the base; None
         for masses concentrated at the coordinates.
+    gyroscopic
+        Whether the damping may have a skew part, as couplings of rotating parts bring; modes,
+        which are those of symmetric matrices, are not asked of such a structure.
 
     Examples
     --------
@@ -42,6 +45,7 @@ class Structure:
     names: tuple[str, ...] = ()
     influence: Float[np.ndarray, " dof"] | None = None
     base_mass: Float[np.ndarray, " dof"] | None = None
+    gyroscopic: bool = False
 
     def __post_init__(self) -> None:
         dofs = len(self.mass)
@@ -53,7 +57,8 @@ class Structure:
                 "for each, or none."
             )
         for what in ("mass", "damping", "stiffness"):
-            _check(what, getattr(self, what), dofs)
+            skew = self.gyroscopic and what == "damping"
+            _check(what, getattr(self, what), dofs, skew=skew)
         try:
             scipy.linalg.cholesky(self.mass)
         except scipy.linalg.LinAlgError:
@@ -129,7 +134,9 @@ def state_matrix(structure: Structure) -> Float[np.ndarray, "state state"]:
     return np.vstack([above, -scipy.linalg.cho_solve(factor, below)])
 
 
-def _check(what: str, matrix: Float[np.ndarray, "row column"], dofs: int) -> None:
+def _check(
+    what: str, matrix: Float[np.ndarray, "row column"], dofs: int, *, skew: bool
+) -> None:
     if matrix.shape != (dofs, dofs):
         raise ValueError(
             f"The {what} matrix is {matrix.shape}, the mass matrix is {dofs} by {dofs}. Give "
@@ -137,7 +144,8 @@ def _check(what: str, matrix: Float[np.ndarray, "row column"], dofs: int) -> Non
         )
     if not np.isfinite(matrix).all():
         raise ValueError(f"The {what} matrix holds NaN or infinity. Give finite numbers.")
-    if np.abs(matrix - matrix.T).max(initial=0.0) > ASYMMETRY * np.abs(matrix).max(initial=0.0):
+    largest = np.abs(matrix).max(initial=0.0)
+    if not skew and np.abs(matrix - matrix.T).max(initial=0.0) > ASYMMETRY * largest:
         raise ValueError(
             f"The {what} matrix is not symmetric. Check its entries; gyroscopic and "
             "circulatory forces are not part of this model."

@@ -114,6 +114,7 @@ class LinearModel:
             names=names,
             influence=np.array([not name.endswith(ROTATION) for name in names], float),
             base_mass=whole[0, :free, free],
+            gyroscopic=True,
         )
         over = cls._over(with_values(plant.description, linear), structure)
         # The factor of a sensor also scales its response to a missing force.

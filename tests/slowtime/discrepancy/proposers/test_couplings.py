@@ -7,6 +7,7 @@ import pytest
 import scipy.signal as sps
 
 from slowtime.discrepancy.diagnose import diagnose
+from slowtime.discrepancy.localization.linear_response import LinearModel
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.dynamics.description import (
     Description,
@@ -47,8 +48,8 @@ def shaft(**more):
     return dataclasses.replace(given, **more)
 
 
-def turning(u):
-    """Accelerations with a gyroscopic moment between x2 and y2, solved by SciPy."""
+def matrices():
+    """Mass, damping and stiffness with a gyroscopic moment between x2 and y2."""
     names = list(MASS)
     mass = np.diag(list(MASS.values()))
     stiffness, damping = np.zeros((4, 4)), np.zeros((4, 4))
@@ -59,9 +60,15 @@ def turning(u):
     first, second = names.index("x2"), names.index("y2")
     damping[first, second] += G
     damping[second, first] -= G
+    return mass, damping, stiffness
+
+
+def turning(u):
+    """Accelerations of the coupled discs, solved by SciPy."""
+    mass, damping, stiffness = matrices()
     inverse = np.linalg.inv(mass)
     flow = np.block([[np.zeros((4, 4)), np.eye(4)], [-inverse @ stiffness, -inverse @ damping]])
-    push = inverse[:, [first]]
+    push = inverse[:, [list(MASS).index("x2")]]
     system = (flow, np.vstack([np.zeros((4, 1)), push]), flow[4:], push)
     return sps.lsim(system, u, np.arange(len(u)) / RATE)[1]
 
@@ -79,6 +86,17 @@ def test_a_coupling_turns_one_direction_into_the_other():
     plant = Plant.of(joined())
     found, truth = plant.simulate(plant.values, u, RATE), turning(u)
     np.testing.assert_allclose(found, truth, atol=1e-6 * np.abs(truth).max())
+
+
+def test_beside_a_coupling_the_linear_response_is_that_of_its_equations():
+    plant = Plant.of(joined())
+    model = LinearModel.of_plant(plant, plant.values)
+    mass, damping, stiffness = matrices()
+    for hz in (0.5, 6.0, 11.0):
+        s = 2j * np.pi * hz
+        exact = np.linalg.inv(s**2 * mass + s * damping + stiffness)
+        found = model.compliance(np.array([hz]))[0]
+        np.testing.assert_allclose(found, exact, rtol=1e-9, atol=1e-9 * np.abs(exact).max())
 
 
 def test_a_coupling_to_the_ground_is_refused():
