@@ -199,9 +199,12 @@ def signal_subspace(series: Float[np.ndarray, " time"]) -> Float[np.ndarray, "la
     Orthonormal directions.
     """
     window = min(len(series) // 3, WIDEST_PENCIL)
-    hankel = np.lib.stride_tricks.sliding_window_view(series, window)
+    # A copy: BLAS takes no view whose rows overlap, and the plain loops are ten times as slow.
+    hankel = np.ascontiguousarray(np.lib.stride_tricks.sliding_window_view(series, window))
     strongest = la.eigh(
-        hankel.T @ hankel, subset_by_index=(max(window - MOST_DIRECTIONS, 0), window - 1)
+        hankel.T @ hankel,
+        subset_by_index=(max(window - MOST_DIRECTIONS, 0), window - 1),
+        driver="evx",
     )
     return np.asarray(strongest[1][:, ::-1])
 

@@ -38,7 +38,9 @@ FEWEST_SAMPLES = 24
 """Least length of half a segment [samples]."""
 
 
-def best_segment(part: IsolatedSeries, candidate: PeakCandidate) -> SegmentFit:
+def best_segment(
+    part: IsolatedSeries, candidate: PeakCandidate, *, least: float = 0.0
+) -> SegmentFit | None:
     """Decay fit of the segment with the smallest standard error of the frequency.
 
     An impact, a move or another disturbance inside a stretch is not a decay: it leaves a
@@ -50,16 +52,21 @@ def best_segment(part: IsolatedSeries, candidate: PeakCandidate) -> SegmentFit:
         Series reduced to one mode.
     candidate
         Detected peak, with the band that belongs to it [Hz].
+    least
+        Share of the power that decays have to explain [1].
 
     Returns
     -------
-    The fit, flagged `part_of_record` if the segment is not the whole.
+    The fit, flagged `part_of_record` if the segment is not the whole; None where none explains
+    as much as is asked.
     """
     options = _stretches(part, candidate)
     ranked = sorted(options, key=lambda one: _quick_error(one, candidate))
-    fits = [
-        _with_change(one, fit_segment(one, candidate), candidate) for one in ranked[:FINALISTS]
-    ]
+    fitted = [(one, fit_segment(one, candidate)) for one in ranked[:FINALISTS]]
+    # Halves cost twice what the whole does, and tell nothing of a segment that is no decay.
+    if all(fit.explained < least for _, fit in fitted):
+        return None
+    fits = [_with_change(one, fit, candidate) for one, fit in fitted]
     best = min(fits, key=lambda fit: fit.identified.frequency_hz.sd)
     whole = options[0]
     mode = best.identified

@@ -244,9 +244,10 @@ def identify_candidate(
     part = isolate_mode(series, rate_hz, candidate)
     doubtful: Identified | None = None
     if method == "free_decay" or not is_random(part, candidate):
-        best = best_segment(part, candidate)
-        coloured = "coloured_residual" in best.identified.flags
-        if method == "free_decay" or best.explained >= (CLEARLY if coloured else EXPLAINED):
+        best = best_segment(part, candidate, least=0.0 if method == "free_decay" else EXPLAINED)
+        coloured = best is not None and "coloured_residual" in best.identified.flags
+        enough = CLEARLY if coloured else EXPLAINED
+        if best is not None and (method == "free_decay" or best.explained >= enough):
             doubtful = _flag_line(best.identified)
             if (
                 method == "free_decay"
