@@ -13,7 +13,7 @@ from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Effect, Kind, Place
 from slowtime.dynamics.plant import Name, Plant
 
-from .fit import Fit, refit
+from .fit import Fit, try_refit
 from .levenberg_marquardt import FitControl
 from .model_values import with_values
 from .spectral_weights import spectral_weights
@@ -198,14 +198,10 @@ def refit_without(
         [known.get(before(name), entry.value) for name, entry in plant.entries.items()]
     )
     states = states_without(fit, number) if len(fit.states) == len(trials) else None
-    try:
-        found = refit(
-            plant, trials, noise=fit.noise, values=values, states=states, horizons=(1.0,),
-            control=FitControl(cost_to_beat=fit.cost),
-        )  # fmt: skip
-    except (np.linalg.LinAlgError, FloatingPointError):
-        return None
-    return found if math.isfinite(found.cost) else None
+    return try_refit(
+        plant, trials, noise=fit.noise, values=values, states=states, horizons=(1.0,),
+        control=FitControl(cost_to_beat=fit.cost),
+    )  # fmt: skip
 
 
 def states_without(fit: Fit, number: int) -> list[Float[np.ndarray, " state"]]:

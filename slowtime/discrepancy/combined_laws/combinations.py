@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.candidates.force_space import ForceSpace
-from slowtime.discrepancy.candidates.library_fit import is_applicable
+from slowtime.discrepancy.candidates.library_fit import Label, is_applicable
 from slowtime.discrepancy.candidates.parameter_scan import best_effect
 from slowtime.discrepancy.estimation.candidate_fit import fit_candidate
 from slowtime.discrepancy.estimation.model_evidence import FittedCandidate
@@ -48,6 +48,11 @@ class Combination:
     place: Place
     fits: tuple[Fit, ...]
     fitted: FittedCandidate | None = None
+
+    @property
+    def labels(self) -> tuple[Label, ...]:
+        """Its laws and their element."""
+        return tuple((law, self.place) for law in self.laws)
 
     @property
     def last(self) -> Fit:

@@ -80,7 +80,7 @@ class ForceModel:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Comparison:
+class ModelComparison:
     """Models that were compared.
 
     Parameters
@@ -176,7 +176,7 @@ def compare(
     description: Description,
     kinds: Mapping[str, Kind],
     monitor: Monitor,
-) -> Comparison:
+) -> ModelComparison:
     """Fit laws alone and in pairs, and cross-validate the likeliest.
 
     Parameters
@@ -207,7 +207,7 @@ def compare(
     return _compared([bare, *singles, *pairs])
 
 
-def _compared(models: Sequence[ForceModel]) -> Comparison:
+def _compared(models: Sequence[ForceModel]) -> ModelComparison:
     best = min(models, key=lambda one: one.rms)
     count = independent_samples(best.validated)
     scores = [log_evidence(one.fit, one.rms, count) for one in models]
@@ -218,7 +218,7 @@ def _compared(models: Sequence[ForceModel]) -> Comparison:
         clear = scores[i] - scores[parent] >= LIMITS.least_log_evidence
         clear = clear and one.rms <= (1 - MIN_GAIN) * models[parent].rms
         parents.append(i if clear else parent)
-    return Comparison(tuple(models), tuple(scores), tuple(parents), count)
+    return ModelComparison(tuple(models), tuple(scores), tuple(parents), count)
 
 
 class _Selection:

@@ -23,7 +23,7 @@ from slowtime.discrepancy.calibration.augmentation import fitted_effects
 from slowtime.discrepancy.candidates.library_fit import OFFSET
 from slowtime.discrepancy.diagnosis import NamedEffect, Number
 from slowtime.discrepancy.noise import has_rigid_motion
-from slowtime.discrepancy.quoting import OF_SENSOR, numbers_of, sentence_of, unit_at
+from slowtime.discrepancy.quoting import OF_SENSOR, numbers_of, quoted, unit_at
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Effect, Kind
@@ -184,17 +184,7 @@ def offsets(
         numbers = numbers_of(fit, number)
         if abs(numbers["bias"].value) <= REPORTED_SDS * numbers["bias"].sd:
             continue
-        kind = kinds[effect.kind]
-        found.append(
-            NamedEffect(
-                effect=effect,
-                family=kind.family,
-                numbers=numbers,
-                probability=0.99,
-                rivals=(),
-                sentence=sentence_of(kind, effect.place, numbers),
-            )
-        )
+        found.append(quoted(effect, numbers, kinds[effect.kind], 0.99))
     return found
 
 

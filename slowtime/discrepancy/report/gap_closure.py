@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from slowtime.discrepancy.calibration import Fit, refit
+from slowtime.discrepancy.calibration import Fit, try_refit
 from slowtime.discrepancy.calibration.model_values import with_values
 from slowtime.discrepancy.estimation.shooting_fit import unexplained_by
 from slowtime.discrepancy.hypothesis import Hypothesis
@@ -119,14 +119,11 @@ def _refit_on_heads(one: SurfaceFit, trials: Sequence[Trial]) -> Fit:
         return one.fit
     heads = [trial.part(0, end) for trial, end in zip(trials, ends, strict=True)]
     fit = one.fit
-    try:
-        found = refit(
-            fit.plant, heads, free=one.free, noise=fit.noise, values=fit.values,
-            states=fit.states, horizons=(1.0,),
-        )  # fmt: skip
-    except (np.linalg.LinAlgError, FloatingPointError):
-        return fit
-    return found if np.isfinite(found.cost) else fit
+    found = try_refit(
+        fit.plant, heads, free=one.free, noise=fit.noise, values=fit.values,
+        states=fit.states, horizons=(1.0,),
+    )  # fmt: skip
+    return found or fit
 
 
 def describe_gap_closure(

@@ -15,7 +15,7 @@ from slowtime.discrepancy.estimation.occam_factor import leniency
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.records import Campaign, Trial
-from slowtime.discrepancy.report.assembly import report
+from slowtime.discrepancy.report.free_runs import report
 from slowtime.discrepancy.report.notes import HURRIED, LOUD, NOT_KEPT
 from slowtime.discrepancy.selection.probabilities import (
     answer_of,
