@@ -53,13 +53,7 @@ class Rewiring:
 def find_rewiring(
     description: Description, trials: Sequence[Trial], kinds: Mapping[str, Kind]
 ) -> Rewiring | None:
-    """Find the sensors that sit at another node; None where none does.
-
-    Parameters
-    ----------
-    kinds
-        Catalogue of effects by name.
-    """
+    """Find the sensors that sit at another node; None where none does."""
     nodes = [node.id for node in description.nodes if node.id in description.dofs]
     sensors = description.sensors
     if all(one.quantity == "force" for one in sensors):

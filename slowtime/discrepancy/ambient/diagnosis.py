@@ -153,11 +153,6 @@ def diagnose_ambient(
 
     Without measured inputs there is no free run: errors are those of spectra, each record with
     forces of its own.
-
-    Parameters
-    ----------
-    kinds
-        Catalogue of effects by name.
     """
     learnt, tests = learnt_and_unseen(trials, campaign.holdout)
     plant = Plant.of(campaign.description, kinds=kinds)

@@ -85,13 +85,7 @@ class Compared:
 def compare_effects(
     problem: SpectralProblem, bare: AmbientFit, kinds: Mapping[str, Kind], monitor: Monitor
 ) -> Compared:
-    """Fit changes at each place, and laws to those of elements.
-
-    Parameters
-    ----------
-    kinds
-        Catalogue of effects by name.
-    """
+    """Fit changes at each place, and laws to those of elements."""
     changes = _changes(problem, kinds)
     begins = {
         idea: best_begin(problem.with_changes(*own), bare, DELAYS)

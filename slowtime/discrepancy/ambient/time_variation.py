@@ -33,8 +33,6 @@ def with_time_variation(
     ----------
     candidates
         The most probable first.
-    kinds
-        Catalogue of effects by name.
 
     Returns
     -------

@@ -51,8 +51,6 @@ def augmented_start(
 
     Parameters
     ----------
-    kinds
-        Catalogue of effects by name.
     start
         Where to start; as `before` ended where not given.
 
@@ -173,11 +171,6 @@ def refit_without(
     fit: Fit, number: int, trials: tuple[Trial, ...], kinds: Mapping[str, Kind]
 ) -> Fit | None:
     """Refit a model without one of its effects.
-
-    Parameters
-    ----------
-    kinds
-        Catalogue of effects by name.
 
     Returns
     -------

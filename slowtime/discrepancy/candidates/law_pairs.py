@@ -85,11 +85,6 @@ def law_pairs(
 ) -> list[tuple[Candidate, Candidate]]:
     """Find pairs of laws that leave less than half of what the best law leaves.
 
-    Parameters
-    ----------
-    kinds
-        Catalogue of effects by name.
-
     Returns
     -------
     The best pairs, the best first, with the start of the fit of both.

@@ -145,8 +145,6 @@ def measured_pairs(
     ----------
     located
         Places along the measured motion (`measured_motion`).
-    kinds
-        Catalogue of effects by name.
 
     Returns
     -------
@@ -188,11 +186,6 @@ def act_apart(fit: Fit, trials: Sequence[Trial], kinds: Mapping[str, Kind]) -> b
     """Whether two laws at different places explain far more than any law does.
 
     Never of one coordinate: its element, its node and its link to the ground move alike.
-
-    Parameters
-    ----------
-    kinds
-        Catalogue of effects by name.
     """
     located = attempt(measured_motion, fit, trials)
     if located is None or located.linear.structure.dofs < 2:

@@ -76,13 +76,7 @@ def law_sets(known: Sequence[str]) -> Iterator[frozenset[str]]:
 def applicable_laws(
     kinds: Mapping[str, Kind], place: Place, description: Description
 ) -> tuple[str, ...]:
-    """Return the kinds that may act at a place: laws of angles need a model of angles.
-
-    Parameters
-    ----------
-    kinds
-        Catalogue of effects by name.
-    """
+    """Return the kinds that may act at a place: laws of angles need a model of angles."""
     return tuple(n for n, kind in kinds.items() if is_applicable(kind, place, description))
 
 
@@ -97,8 +91,6 @@ def fit_combinations(
 
     Parameters
     ----------
-    kinds
-        Catalogue of effects by name.
     monitor
         Told what is fitted; says whether the budget is used up.
 

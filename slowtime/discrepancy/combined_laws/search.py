@@ -84,8 +84,6 @@ def explain_together(
 
     Parameters
     ----------
-    kinds
-        Catalogue of effects by name.
     monitor
         Told the stage; says whether the budget is used up.
 

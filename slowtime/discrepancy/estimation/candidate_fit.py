@@ -170,8 +170,6 @@ def fit_candidate(
 
     Parameters
     ----------
-    kinds
-        Catalogue of effects by name.
     noise
         By which residuals are weighted; estimated from the residual where not given.
     control
@@ -443,8 +441,6 @@ def fit_candidates(
 
     Parameters
     ----------
-    trials, kinds
-        Records, and the catalogue of effects by name.
     tick
         As in `Fitting`.
     shooting

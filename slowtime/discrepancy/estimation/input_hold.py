@@ -193,8 +193,6 @@ def held_as_well(
         The fit without the effect, and the noise that the one with it leaves.
     lead
         Log evidence that the effect brings [nats].
-    trials, kinds
-        Records, and the catalogue of effects by name.
     stated
         What the model says of each input; None where it says nothing.
 
@@ -278,8 +276,6 @@ def with_holds(
     ----------
     holds
         One for each input.
-    trials, kinds
-        Records, and the catalogue of effects by name.
     noise
         By which residuals are weighted; estimated again where not given.
     """

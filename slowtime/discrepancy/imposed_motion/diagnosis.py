@@ -33,7 +33,7 @@ from slowtime.dynamics.effects import Kind
 from .experiment import deciding_experiment
 from .records import ForceRecord, ImposedRig, force_record, rig_of
 from .regression import ForceFit, ForceRegression
-from .selection import MEMORY, ForceModel, ModelComparison, compare, group_of
+from .selection import MEMORY, ForceModel, LawComparison, compare, group_of
 from .standstill import without_standstills
 
 SLIDING = 0.95
@@ -107,8 +107,6 @@ def diagnose_imposed_motion(
     ----------
     campaign
         Model of one spring, and records of its motion and force.
-    kinds
-        Catalogue of effects by name.
 
     Returns
     -------
@@ -128,7 +126,7 @@ def diagnose_imposed_motion(
 
 def _chosen(
     regression: ForceRegression,
-    comparison: ModelComparison,
+    comparison: LawComparison,
     judged: Sequence[ForceRecord],
     kinds: Mapping[str, Kind],
 ) -> _Chosen:

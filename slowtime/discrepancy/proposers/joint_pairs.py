@@ -151,11 +151,6 @@ def without_imitations(
     """Leave out pairs that do by more numbers what another pair does at the same places.
 
     A jump of stiffness before the records begin is a spring.
-
-    Parameters
-    ----------
-    kinds
-        Catalogue of effects by name.
     """
 
     def effects(pair: tuple[Candidate, FittedCandidate]) -> tuple[Effect, Effect]:

@@ -75,8 +75,6 @@ def drifting(
     ----------
     before
         Fit whose residual is the error of the sensor, in its unit.
-    kinds
-        Catalogue of effects by name.
 
     Returns
     -------

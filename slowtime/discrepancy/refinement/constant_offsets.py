@@ -58,8 +58,6 @@ def with_offsets(
 
     Parameters
     ----------
-    kinds
-        Catalogue of effects by name.
     decays
         Whether the records are free decays.
     by_record
@@ -88,8 +86,6 @@ def refit_with_offsets(
 
     Parameters
     ----------
-    kinds
-        Catalogue of effects by name.
     decays
         Whether the records are free decays.
     """
@@ -165,13 +161,7 @@ def _of_sensors(
 def offsets(
     fit: Fit, trials: Sequence[Trial], given: Description, kinds: Mapping[str, Kind]
 ) -> list[NamedEffect]:
-    """List the offsets added to the given model that differ significantly from zero.
-
-    Parameters
-    ----------
-    kinds
-        Catalogue of effects by name.
-    """
+    """List the offsets added to the given model that differ significantly from zero."""
     found = []
     for number, effect in enumerate(fitted_effects(fit)):
         if number < len(given.effects):

@@ -31,8 +31,6 @@ def assemble(
         Model as it was given.
     findings
         Of the screening; what is a fault of a channel is named beside the effects.
-    kinds
-        Catalogue of effects by name.
     """
     faults = [a for f in findings if (a := fault_of(f, given, kinds)) is not None]
     answers = _once([*outcome.effects, *faults])

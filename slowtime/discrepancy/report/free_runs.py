@@ -50,8 +50,6 @@ def report(
 
     Parameters
     ----------
-    kinds
-        Catalogue of effects by name.
     monitor
         Of the budget; where given, and the effect is unknown, a force surface closes the gap.
     surface

@@ -70,8 +70,6 @@ def shares_of(
     ----------
     found
         Refitted candidates, the best first.
-    kinds
-        Catalogue of effects by name.
     besides
         Log evidence [nats] of other answers without an effect, which take their share.
 
@@ -94,8 +92,6 @@ def answer_of(
         Refitted candidates, the best first.
     shares
         Probability of each [1].
-    kinds
-        Catalogue of effects by name.
     """
     best = found[0]
     numbers = numbers_of(best.fit, len(best.description.effects) - 1)
@@ -119,8 +115,6 @@ def name_best(
     ----------
     others
         What may be in its stead, the most probable first.
-    kinds
-        Catalogue of effects by name.
     """
     told = [rival for rival in others if rival.probability > LIMITS.told_probability]
     return quoted(effect, numbers, kinds[effect.kind], probability, told)
@@ -141,8 +135,6 @@ def name_in_combination(
         Combinations of effects, the likeliest first, with the probability of each [1].
     instead
         Which effects of a combination without this one are in its stead.
-    kinds
-        Catalogue of effects by name.
 
     Returns
     -------

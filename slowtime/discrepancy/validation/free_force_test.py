@@ -64,8 +64,6 @@ def refuted_by_free_force(
         Of the whole model, which leaves noise only.
     first
         Number of the first effect that was named; those before belong to the given model.
-    kinds
-        Catalogue of effects by name.
 
     Returns
     -------

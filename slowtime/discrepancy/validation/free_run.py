@@ -19,7 +19,7 @@ from slowtime.discrepancy.diagnosis import Spectra, Traces
 from slowtime.discrepancy.noise import Noise, estimate_noise
 from slowtime.discrepancy.records import MIN_SAMPLES, Trial
 from slowtime.dynamics.description import Description
-from slowtime.dynamics.plant import Plant
+from slowtime.dynamics.plant import Name, Plant
 from slowtime.signals.spectra import transform
 
 START_SHARE = 0.2
@@ -49,13 +49,7 @@ def learnt_and_unseen(
     Where none is held out, the last third of each record is.
     """
     tests = evaluation_trials(trials, holdout)
-    if holdout:
-        return trials, tests
-    heads = (
-        trial.part(0, len(trial.outputs) * 2 // 3) if tail is not trial else trial
-        for trial, tail in zip(trials, tests, strict=True)
-    )
-    return tuple(heads), tests
+    return (trials if holdout else heads_of(trials) or trials), tests
 
 
 def tail_of(trial: Trial) -> Trial:
@@ -66,15 +60,30 @@ def tail_of(trial: Trial) -> Trial:
     return trial.part(begun, len(trial.outputs))
 
 
-def refit_on_heads(fit: Fit, trials: Sequence[Trial]) -> Fit:
-    """Refit a model to all but the tails of records; the given fit where that diverges."""
+def heads_of(trials: Sequence[Trial]) -> tuple[Trial, ...]:
+    """First two thirds of each record; none where one of them is too short."""
     ends = [len(trial.outputs) * 2 // 3 for trial in trials]
     if min(ends) < MIN_SAMPLES:
+        return ()
+    return tuple(trial.part(0, end) for trial, end in zip(trials, ends, strict=True))
+
+
+def refit_on_heads(
+    fit: Fit, trials: Sequence[Trial], free: Sequence[Name] | None = None
+) -> Fit:
+    """Refit a model to all but the tails of records; the given fit where that diverges.
+
+    Parameters
+    ----------
+    free
+        Constants that are fitted; all where not given.
+    """
+    heads = heads_of(trials)
+    if not heads:
         return fit
-    heads = [trial.part(0, end) for trial, end in zip(trials, ends, strict=True)]
     states = fit.states if len(fit.states) == len(heads) else None
     found = try_refit(
-        fit.plant, heads, noise=fit.noise if states else None, values=fit.values,
+        fit.plant, heads, free=free, noise=fit.noise if states else None, values=fit.values,
         states=states, horizons=(1.0,),
     )  # fmt: skip
     return found or fit

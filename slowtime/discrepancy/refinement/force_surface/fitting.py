@@ -98,8 +98,6 @@ def fit_force_surface(
     ----------
     localized
         Where a force explains what that leaves.
-    kinds
-        Catalogue of effects by name.
     max_work
         Budget [units of work]; as much again where that fit ends in a wrong minimum, or leaves
         more than noise with the shape that was demanded or chosen.
