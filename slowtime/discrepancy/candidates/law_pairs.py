@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.localization import Localization, PlaceGroup
+from slowtime.discrepancy.localization.pair_ranking import MIN_DISTINCT_SHARE
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import (
     Effect,
@@ -27,7 +28,7 @@ from slowtime.dynamics.effects import (
     simple_kinds,
 )
 
-from .force_space import MIN_DISTINCT_SHARE, ForceSpace, ForceSpectra
+from .force_space import ForceSpace, ForceSpectra
 from .library_fit import (
     Candidate,
     Label,

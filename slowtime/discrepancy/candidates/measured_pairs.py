@@ -22,6 +22,7 @@ from jaxtyping import Float
 
 from slowtime.discrepancy.calibration import Fit, attempt
 from slowtime.discrepancy.localization import Localization, measured_motion
+from slowtime.discrepancy.localization.pair_ranking import MIN_DISTINCT_SHARE
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.effects import (
     Effect,
@@ -32,7 +33,7 @@ from slowtime.dynamics.effects import (
     simple_kinds,
 )
 
-from .force_space import MIN_DISTINCT_SHARE, ForceSpace, ForceSpectra
+from .force_space import ForceSpace, ForceSpectra
 from .library_fit import Candidate, Label, is_applicable, start_beside
 from .parameter_scan import (
     Shape,

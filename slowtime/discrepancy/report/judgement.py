@@ -23,7 +23,7 @@ from .explanation import is_unknown, nearest_effects, share_left
 MAX_CONSTANT_RATIO = 3.0
 """[1] Of a fitted mass or stiffness to the stated one, either way, beyond which the model is
 another structure's. Source: judgement; drawings are off by tens of per cent."""
-UNEXPLAINED_SHARE = 0.5
+UNEXPLAINED_REST = 0.5
 """[share of what was missing at first] Above which what was named does not tell where to look.
 Source: judgement; no study is recorded."""
 
@@ -74,7 +74,7 @@ def unknown_sentence(
         first, rest = found.localized, found.rest
         assert first is not None
         assert rest is not None
-        far = share_left(found) > UNEXPLAINED_SHARE
+        far = share_left(found) > UNEXPLAINED_REST
         place, but = (
             (first if far else rest).best_structural,
             "leaves a residual above the noise",

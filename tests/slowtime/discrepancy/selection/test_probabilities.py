@@ -7,6 +7,7 @@ from slowtime.discrepancy.selection.probabilities import (
     name_in_combination,
     probabilities,
 )
+from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Effect, Place, catalogue
 from tests.slowtime.discrepancy.protocol import named_effect
 
@@ -38,8 +39,8 @@ def test_an_effect_has_the_probability_of_the_combinations_that_it_is_in():
 
 
 def test_rivals_come_in_the_order_of_their_probability_and_hardly_probable_ones_do_not():
-    models = [((CUBIC,), 0.5), ((FRICTION,), 0.1), ((DRAG,), 0.395), (((
-        "stribeck", PLACE),), 0.005)]  # fmt: skip
+    faint = (("stribeck", PLACE),), 0.9 * LIMITS.told_probability
+    models = [((CUBIC,), 0.5), ((FRICTION,), 0.1), ((DRAG,), 0.395), faint]
     rivals = named("cubic_hardening", models).rivals
     assert [one.effect for one in rivals] == ["quadratic_damping", "coulomb"]
 
