@@ -226,7 +226,7 @@ def _unknown(found: _Chosen, effects: Sequence[NamedEffect]) -> str:
         told += f" The nearest effect is: {effects[0].sentence}"
     if not found.holds:
         told += (
-            f" It does not hold: its error on what was not fitted is "
+            " The likeliest model does not hold: its error on what was not fitted is "
             f"{found.errors[-1] / found.rest:.2g} times that of cross-validation."
         )
     return told
