@@ -10,9 +10,9 @@ How a campaign is answered follows from its records, in this order:
   three more: windows (`_searched`), holds of the inputs (`search.input_holds`), and other first
   effects (`search.loop.search`).
 
-Each fills an `Outcome` of its likelihood, of which verdict and report are made alike
-(`report.assembly`). Laws that change during the records are effects like others. A history over slow time, whose
-readings are frequencies, is diagnosed by `slowtime.history_diagnosis`.
+Each fills an `Outcome` of its likelihood, from which verdict and report follow alike
+(`report.assembly`). Laws that change during the records are effects like others. A history over
+slow time, whose readings are frequencies, is diagnosed by `slowtime.history_diagnosis`.
 """
 
 import dataclasses
