@@ -62,7 +62,6 @@ def eliminate(
         Of the nominal model, and after each effect.
     answers
         One for each effect, in order.
-
     """
     chain, kept = list(fits), list(answers)
     if len(kept) < 2 or any(isinstance(kinds[a.effect.kind].action, Unmeasured) for a in kept):
