@@ -1,1 +1,4 @@
-"""Records and a model in; where they disagree, and with what statistic, out."""
+"""Records and a model in; where they disagree, and with what statistic, out.
+
+Wherever `kinds` is a parameter, it is the catalogue of effects that may be named, by name.
+"""

@@ -10,8 +10,9 @@ How a campaign is answered follows from its records, in this order:
   three more: windows (`_searched`), holds of the inputs (`search.input_holds`), and other first
   effects (`search.loop.search`).
 
-Laws that change during the records are effects like others. A history over slow time, whose
-readings are frequencies, is diagnosed by `slowtime.history_diagnosis`.
+Each fills an `Outcome` of its likelihood, from which verdict and report follow alike
+(`report.assembly`). Laws that change during the records are effects like others. A history over
+slow time, whose readings are frequencies, is diagnosed by `slowtime.history_diagnosis`.
 """
 
 import dataclasses
@@ -31,8 +32,8 @@ from .free_decay.records import is_free_decay, without_standstill, without_tones
 from .hypothesis import Hypothesis
 from .imposed_motion.diagnosis import diagnose_imposed_motion
 from .imposed_motion.records import is_imposed
-from .localization import likely_pairs
-from .open_joints import Pair, strip_joints, with_open_joints
+from .localization import NodePair, likely_pairs
+from .open_joints import strip_joints, with_open_joints
 from .progress import Monitor, Progress, Stop
 from .record_windows import record_windows, with_whole_records
 from .records import Campaign, Trial
@@ -42,7 +43,7 @@ from .refinement.convergence import converge, converge_stick_slip
 from .refinement.elimination import eliminate_needless
 from .refinement.harmful_effects import drop_harmful_effects
 from .refinement.natural_values import hold_natural_values
-from .report.assembly import report
+from .report.free_runs import report
 from .search import DEFAULT_OPTIONS, SearchOptions, SearchSettings
 from .search.input_holds import search_with_holds, with_best_holds
 from .search.loop import grow
@@ -100,6 +101,8 @@ def _diagnose(
 ) -> Diagnosis:
     known = catalogue() if kinds is None else kinds
     tell("screening channels", 0.0)
+    unseen = tuple(screen(one).trial for one in campaign.holdout)
+    campaign = dataclasses.replace(campaign, holdout=unseen)
     recorded = campaign.trials
     decays = is_free_decay(recorded)
     if decays:
@@ -126,7 +129,9 @@ def _diagnose(
 
     windows = (trials,) if decays else tuple(record_windows(trials, campaign.description))
 
-    def likely(description: Description, pairs: Sequence[Pair], most: int) -> Sequence[Pair]:
+    def likely(
+        description: Description, pairs: Sequence[NodePair], most: int
+    ) -> Sequence[NodePair]:
         tell("ranking pairs of points that no element joins", 0.06)
         plant = Plant.of(with_offsets(description, known, decays=decays), kinds=known)
         fit = fit_within_tolerances(plant, windows[0])
@@ -142,9 +147,8 @@ def _diagnose(
     )
     answer = strip_joints(answer)
     if rewiring is not None:
-        unseen = tuple(screen(one).trial for one in campaign.holdout)
         answer = with_rewiring(answer, rewiring, given, evaluation_trials(trials, unseen))
-    notes = [*answer.notes, *(describe_damping(trials) if decays else ())]
+    notes = [*answer.notes, *tell.notes, *(describe_damping(trials) if decays else ())]
     if options.quick and answer.verdict == "unknown_effect":
         notes.append(QUICK)
     return dataclasses.replace(answer, notes=tuple(notes))

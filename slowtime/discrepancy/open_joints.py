@@ -13,6 +13,7 @@ from slowtime.dynamics.channels import BASE_KINDS, IMPOSED_KINDS, Support
 from slowtime.dynamics.description import BASE, Description, Matrix, OpenJoint, Spring
 
 from .diagnosis import Diagnosis
+from .localization import NodePair
 
 STILL = "still"
 """Name of a point that stands still while the base moves."""
@@ -23,12 +24,10 @@ LIKELY_JOINTS = 16
 """[open joints] Between the likeliest pairs, where there are more. Source: the forgotten spring
 of chains of 12 and 24 masses is the first of all; half are for a second one beside it."""
 
-Pair = tuple[str, str]
-
 
 def with_open_joints(
     description: Description,
-    likely: Callable[[Description, Sequence[Pair], int], Sequence[Pair]] | None = None,
+    likely: Callable[[Description, Sequence[NodePair], int], Sequence[NodePair]] | None = None,
 ) -> Description:
     """Join pairs of points that nothing joins by elements that state nothing.
 
@@ -42,7 +41,7 @@ def with_open_joints(
     """
     description = _with_still_neighbour(description)
     every = list(_unjoined(description))
-    pairs: Sequence[Pair] = every[:MOST_JOINTS]
+    pairs: Sequence[NodePair] = every[:MOST_JOINTS]
     if likely is not None and len(every) > MOST_JOINTS:
         pairs = likely(description, every, LIKELY_JOINTS)
     taken = {one.id for one in (*description.elements, *description.nodes)}

@@ -38,6 +38,8 @@ class Monitor:
         Request to answer with what was found so far.
     so_far
         What is likely missing by now, in words; told with each stage from then on.
+    notes
+        What went wrong on the way, for the reader of the diagnosis.
     """
 
     progress: Progress | None = None
@@ -47,6 +49,12 @@ class Monitor:
     enough: Stop | None = None
     share_done: float = 0.0
     so_far: str = ""
+    notes: list[str] = dataclasses.field(default_factory=list)
+
+    def note(self, told: str) -> None:
+        """Keep a note for the reader of the diagnosis, once."""
+        if told not in self.notes:
+            self.notes.append(told)
 
     def __call__(self, stage: str, share: float) -> None:
         """Report a stage.

@@ -5,11 +5,11 @@ from collections.abc import Mapping, Sequence
 
 from slowtime.discrepancy.calibration import DEFAULT_RELATIVE_SD, Fit
 from slowtime.discrepancy.calibration.augmentation import fitted_effects
-from slowtime.discrepancy.diagnosis import NamedEffect, Number
+from slowtime.discrepancy.diagnosis import NamedEffect, Number, Rival
 from slowtime.discrepancy.estimation.model_evidence import undetermined_parameters
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.description import Description
-from slowtime.dynamics.effects import Kind, Place
+from slowtime.dynamics.effects import Effect, Kind, Place
 from slowtime.dynamics.units import unit_of_parameter
 
 OF_SENSOR = "unit of the sensor"
@@ -29,6 +29,18 @@ def numbers_of(fit: Fit, which: int) -> dict[str, Number]:
             fit.plant.entries.items(), fit.values.tolist(), strict=True
         )
         if len(name) == 3 and name[1] == which
+    }
+
+
+def numbers_of_effect(
+    effect: Effect, sds: Mapping[str, float], kind: Kind, given: Description
+) -> dict[str, Number]:
+    """Numbers of an effect that is in no fitted model, by the name of its parameters."""
+    return {
+        name: Number(
+            value, sds.get(name, 0.0), unit_at(given, effect.place, kind.parameter(name).unit)
+        )
+        for name, value in effect.parameters.items()
     }
 
 
@@ -84,6 +96,24 @@ def sentence_of(kind: Kind, place: Place, numbers: Mapping[str, Number]) -> str:
         size = ", ".join(f"{kind.parameter(name).meaning} {n.text}" for name, n in told)
     where = "" if place.kind == "base" else f" at {place}"
     return f"{kind.words}{where}" + (f": {size}. " if size else ". ") + kind.sentence
+
+
+def quoted(
+    effect: Effect,
+    numbers: Mapping[str, Number],
+    kind: Kind,
+    probability: float,
+    rivals: Sequence[Rival] = (),
+) -> NamedEffect:
+    """Name an effect with its numbers, in a sentence."""
+    return NamedEffect(
+        effect=effect,
+        family=kind.family,
+        numbers=numbers,
+        probability=probability,
+        rivals=tuple(rivals),
+        sentence=sentence_of(kind, effect.place, numbers),
+    )
 
 
 def requote_all(

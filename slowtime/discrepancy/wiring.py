@@ -15,7 +15,7 @@ from slowtime.dynamics.description import Description, Sensor
 from slowtime.dynamics.effects import Effect, Kind, Place
 from slowtime.dynamics.plant import Plant
 
-from .calibration import Fit, refit
+from .calibration import Fit, try_refit
 from .candidates.library_fit import MISPLACED
 from .diagnosis import Diagnosis, GapStep, NamedEffect, Number
 from .records import Trial
@@ -53,13 +53,7 @@ class Rewiring:
 def find_rewiring(
     description: Description, trials: Sequence[Trial], kinds: Mapping[str, Kind]
 ) -> Rewiring | None:
-    """Find the sensors that sit at another node; None where none does.
-
-    Parameters
-    ----------
-    kinds
-        Catalogue of effects by name.
-    """
+    """Find the sensors that sit at another node; None where none does."""
     nodes = [node.id for node in description.nodes if node.id in description.dofs]
     sensors = description.sensors
     if all(one.quantity == "force" for one in sensors):
@@ -77,15 +71,16 @@ def find_rewiring(
     if not ranked or ranked[0][0] < (1 - SUGGESTED_SHARE) * own:
         return None
     moved = _moved(description, ranked[0][1])
-    try:
-        fits = [refit(Plant.of(one, kinds=kinds), trials) for one in (description, moved)]
-    except (FloatingPointError, np.linalg.LinAlgError):
+    given, other = (
+        try_refit(Plant.of(one, kinds=kinds), trials) for one in (description, moved)
+    )
+    if given is None or other is None:
         return None
-    before, after = (fit.chi2_in_band - 1.0 for fit in fits)
+    before, after = (fit.chi2_in_band - 1.0 for fit in (given, other))
     # Noise is that of the better fit: each fit estimates its own.
     if not after < TAKEN_SHARE * before:
         return None
-    return Rewiring(moved, ranked[0][1], fits[0])
+    return Rewiring(moved, ranked[0][1], given)
 
 
 def with_rewiring(

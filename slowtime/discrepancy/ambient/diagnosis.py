@@ -8,31 +8,33 @@ import scipy.stats
 
 from slowtime.discrepancy.calibration.augmentation import with_effect
 from slowtime.discrepancy.calibration.model_values import with_values
-from slowtime.discrepancy.data.screening import Finding, screen
+from slowtime.discrepancy.data.screening import Finding
 from slowtime.discrepancy.diagnosis import (
     Diagnosis,
     Experiment,
-    Gap,
-    GapStep,
     NamedEffect,
     Number,
     Rival,
     Suspect,
-    Verdict,
     When,
 )
 from slowtime.discrepancy.noise.colour import white_noise
 from slowtime.discrepancy.progress import Monitor
-from slowtime.discrepancy.quoting import sentence_of, unit_at
+from slowtime.discrepancy.quoting import numbers_of_effect
 from slowtime.discrepancy.records import Campaign, Trial
+from slowtime.discrepancy.report.assembly import assemble
+from slowtime.discrepancy.report.outcome import ErrorMeasure, Outcome, gap_of
 from slowtime.discrepancy.selection.probabilities import (
     doubts_about,
-    fault_of,
+    name_best,
     probabilities,
-    verdict_of,
 )
 from slowtime.discrepancy.thresholds import LIMITS
-from slowtime.discrepancy.validation.free_run import spectra_of, traces_of
+from slowtime.discrepancy.validation.free_run import (
+    learnt_and_unseen,
+    spectra_of,
+    traces_of,
+)
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Kind
 from slowtime.dynamics.plant import Plant
@@ -53,9 +55,6 @@ EXPLAINED = 0.5
 still differ from it. Source: a decision: statistical linearisation leaves the rest of a strong
 law."""
 
-NAMING = ("missing_effect", "sensor_fault")
-"""Verdicts that name what is missing."""
-
 MEASURE_INPUT = Experiment(
     "Measure what drives the structure, a force or the motion of its base, and name it among "
     "the inputs of the model file: then the model can be simulated, and more effects told "
@@ -68,33 +67,34 @@ ASSUMED = (
     "Errors are those of spectra: the root of the deviance for each degree of freedom beyond "
     "that of noise."
 )
+SPECTRA = ErrorMeasure(
+    " of the spectra", "{:.2g}".format, "as chance alone makes", "chance makes"
+)
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class _Found:
-    """What was compared, and what of it is named.
+class _Likeliest:
+    """What was compared, and the likeliest effect.
 
     Parameters
     ----------
-    named
-        The most probable effect; None where none is probable enough.
+    likeliest
+        None where no effect brings enough evidence.
     explained
         Share of the deviance beyond noise that its place explains.
     unseen, predicted
-        Fits of the records judged on, without an effect and with the one that is named.
+        Fits of the records judged on, without an effect and with the likeliest.
     """
 
     compared: Compared
-    unseen: AmbientFit
-    named: NamedEffect | None
+    likeliest: NamedEffect | None
     explained: float
-    predicted: AmbientFit | None = None
+    unseen: AmbientFit
+    predicted: AmbientFit
 
     @property
     def is_refuted(self) -> bool:
         """Whether spectra that were not fitted differ more from the effect than from none."""
-        if self.predicted is None:
-            return False
         # Likelihood would count the error of a number of the law against its name.
         worse = self.predicted.deviance - self.unseen.deviance
         return worse > 2 * LIMITS.least_log_evidence
@@ -102,30 +102,44 @@ class _Found:
     @property
     def best(self) -> AmbientFit:
         """The fit that the answer rests on."""
-        believed = self.named is not None and not self.is_refuted
+        believed = self.likeliest is not None and not self.is_refuted
         return self.compared.candidates[0].fit if believed else self.compared.bare
 
     @property
-    def rivals(self) -> tuple[Rival, ...]:
-        """What the answer may be; empty where it is decided."""
-        return doubts_about(self.named) if self.named else ()
+    def agrees(self) -> bool:
+        """Whether the spectra agree with that fit."""
+        return self.best.p_value >= LIMITS.false_alarm_p_value
 
     @property
-    def model_holds(self) -> bool:
-        """Whether all spectra agree with the model without an effect."""
-        least = min(self.compared.bare.p_value, self.unseen.p_value)
-        return least >= LIMITS.false_alarm_p_value
+    def named(self) -> NamedEffect | None:
+        """The likeliest effect, where the spectra agree with it, or nearly so."""
+        adequate = self.agrees or self.explained >= EXPLAINED
+        believed = adequate and (self.rivals or not self.is_refuted)
+        return self.likeliest if believed else None
+
+    @property
+    def rivals(self) -> tuple[Rival, ...]:
+        """What the likeliest effect may be; empty where it is decided."""
+        return doubts_about(self.likeliest) if self.likeliest else ()
+
+    @property
+    def p_value(self) -> float:
+        """Of the spectra in the model without an effect, fitted or not, the least."""
+        return min(self.compared.bare.p_value, self.unseen.p_value)
+
+    @property
+    def unknown(self) -> str:
+        """What differs where nothing is named; empty where the spectra are the model's."""
+        if self.named is not None or self.p_value >= LIMITS.false_alarm_p_value:
+            return ""
+        near = f" The nearest effect is: {self.likeliest.sentence}" if self.likeliest else ""
+        bands = _bands_text(self.failed_bands)
+        return f"The spectra differ from those of the model{bands}.{near}"
 
     @property
     def failed_bands(self) -> tuple[tuple[float, float], ...]:
         """Bands in which the model without an effect fails."""
         return self.compared.bare.failed_bands() or self.unseen.failed_bands()
-
-    @property
-    def is_adequate(self) -> bool:
-        """Whether the spectra agree with the answer, or nearly so."""
-        agrees = self.best.p_value >= LIMITS.false_alarm_p_value
-        return agrees or self.explained >= EXPLAINED
 
 
 def diagnose_ambient(
@@ -139,129 +153,97 @@ def diagnose_ambient(
 
     Without measured inputs there is no free run: errors are those of spectra, each record with
     forces of its own.
-
-    Parameters
-    ----------
-    kinds
-        Catalogue of effects by name.
     """
-    held_out = tuple(screen(trial).trial for trial in campaign.holdout)
-    learnt = trials if held_out else tuple(_part(trial, 0.0, 2 / 3) for trial in trials)
-    tests = held_out or tuple(_part(trial, 2 / 3, 1.0) for trial in trials)
+    learnt, tests = learnt_and_unseen(trials, campaign.holdout)
     plant = Plant.of(campaign.description, kinds=kinds)
     problem = spectral_problem(plant, learnt)
     bare = fit_spectra(problem)
     compared = compare_effects(problem, bare, kinds, monitor or Monitor())
-    if compared.candidates and compared.candidates[0].gain >= LIMITS.least_log_evidence:
+    if _shows_effect(compared):
         every = with_time_variation(compared.candidates, plant, learnt, kinds)
         compared = dataclasses.replace(compared, candidates=every)
-    unseen = fit_unseen(plant, tests, bare.values, bare.sd, None, kinds)
-    found = _chosen(compared, unseen, campaign.description, kinds)
-    if found.named is not None:
-        predicted = fit_unseen(
-            plant, tests, found.best.values, found.best.sd, found.named.effect, kinds
-        )
-        found = dataclasses.replace(found, predicted=predicted)
-    return _answer(campaign, plant, found, tests, findings, kinds)
+    outcome = _outcome(campaign, plant, _judged(compared, plant, tests, kinds), tests, kinds)
+    return assemble(campaign.description, outcome, findings, kinds)
 
 
-def _part(trial: Trial, begin: float, end: float) -> Trial:
-    count = len(trial.outputs)
-    return trial.part(round(begin * count), round(end * count))
+def _shows_effect(compared: Compared) -> bool:
+    candidates = compared.candidates
+    return bool(candidates) and candidates[0].gain >= LIMITS.least_log_evidence
 
 
-def _chosen(
-    compared: Compared, unseen: AmbientFit, given: Description, kinds: Mapping[str, Kind]
-) -> _Found:
-    """Name the most probable effect, where it brings enough evidence."""
+def _judged(
+    compared: Compared, plant: Plant, tests: tuple[Trial, ...], kinds: Mapping[str, Kind]
+) -> _Likeliest:
+    """Find the likeliest effect, and predict the records judged on without it and with it."""
     candidates, bare = compared.candidates, compared.bare
-    if not candidates or candidates[0].gain < LIMITS.least_log_evidence:
-        return _Found(compared, unseen, None, 0.0)
+    unseen = fit_unseen(plant, tests, bare.values, bare.sd, None, kinds)
+    if not _shows_effect(compared):
+        return _Likeliest(compared, None, 0.0, unseen, unseen)
     best = candidates[0]
     beyond = max(bare.deviance - bare.degrees, 1e-12)
     explained = (bare.deviance - best.fit.deviance) / beyond
     shares = probabilities([*(one.gain for one in candidates), 0.0], best.fit.misfit)
-    kind = kinds[best.effect.kind]
-    numbers = {
-        name: Number(
-            value,
-            best.sds.get(name, 0.0),
-            unit_at(given, best.effect.place, kind.parameter(name).unit),
-        )
-        for name, value in best.effect.parameters.items()
-    }
-    named = NamedEffect(
-        effect=best.effect,
-        family=kind.family,
-        numbers=numbers,
-        probability=shares[0],
-        rivals=tuple(
-            Rival(one.effect.kind, one.effect.place, share)
-            for one, share in zip(candidates[1:], shares[1:-1], strict=True)
-            if share > LIMITS.told_probability
-        ),
-        sentence=sentence_of(kind, best.effect.place, numbers),
-    )
-    return _Found(compared, unseen, named, float(min(explained, 1.0)))
+    effect, given = best.effect, plant.description
+    numbers = numbers_of_effect(effect, best.sds, kinds[effect.kind], given)
+    others = [
+        Rival(one.effect.kind, one.effect.place, share)
+        for one, share in zip(candidates[1:], shares[1:-1], strict=True)
+    ]
+    likeliest = name_best(effect, numbers, shares[0], others, kinds)
+    found = _Likeliest(compared, likeliest, float(min(explained, 1.0)), unseen, unseen)
+    fit = found.best
+    predicted = fit_unseen(plant, tests, fit.values, fit.sd, effect, kinds)
+    return dataclasses.replace(found, predicted=predicted)
 
 
-def _answer(
+def _outcome(
     campaign: Campaign,
     plant: Plant,
-    found: _Found,
+    found: _Likeliest,
     tests: tuple[Trial, ...],
-    findings: tuple[Finding, ...],
     kinds: Mapping[str, Kind],
-) -> Diagnosis:
-    given, seen = campaign.description, found.best
-    moved = _moved_constants(seen, plant)
-    faults = [a for f in findings if (a := fault_of(f, given, kinds)) is not None]
-    verdict, sentence = _verdict(found, moved, kinds)
-    if faults and verdict in ("nothing_missing", "parameters_only"):
-        verdict, sentence = verdict_of(faults, kinds), " ".join(a.sentence for a in faults)
-    named = found.named if verdict in (*NAMING, "undecided") else None
-    if found.is_refuted:
-        named = None
-    gap = _gap(campaign, plant, found, named, tests, kinds)
-    refitted = _described(given, found.compared.bare)
+) -> Outcome:
+    given, seen, bare = campaign.description, found.best, found.compared.bare
+    named = None if found.is_refuted else found.named
+    effects = [named] if named else []
     augmented = _described(given, seen)
-    if named is not None:
-        augmented = with_effect(augmented, named.effect)
-        sentence += _closing(gap)
+    for one in effects:
+        augmented = with_effect(augmented, one.effect)
+    nothing = np.zeros_like(bare.values)
+    as_given = fit_unseen(plant, tests, bare.prior.mean, nothing, None, kinds)
+    errors = [found.unseen, *(found.predicted for _ in effects)]
     silence = [np.zeros_like(trial.outputs) for trial in tests]
     noise = white_noise([_quiet(trial) for trial in tests])
-    adequate = seen.p_value >= LIMITS.false_alarm_p_value
-    return Diagnosis(
-        verdict=verdict,
-        sentence=f"{sentence} {MEASURE_INPUT.sentence}",
-        effects=(*((named,) if named else ()), *faults),
-        undecided=found.rivals if verdict == "undecided" else (),
+    return Outcome(
+        effects=effects,
+        undecided=found.rivals if found.named else (),
+        unknown=found.unknown,
+        moved=_moved_constants(seen, plant),
         experiment=MEASURE_INPUT,
-        nothing_probability=_nothing(found, verdict),
-        moved=moved,
+        nothing_probability=_nothing(found),
         where=_suspects(found),
-        when=When((), _bands(found, verdict), ""),
-        findings=findings,
-        gap=gap,
+        when=When((), _bands(found), ""),
+        gap=gap_of(
+            effects, [spectral_error(fit) for fit in errors], nominal=spectral_error(as_given),
+            floor=error_of_chance(found.unseen), held_out=bool(campaign.holdout),
+        ),
+        measure=SPECTRA,
         chi2_per_datum=seen.misfit,
-        residual_white=adequate,
+        residual_white=found.agrees,
         white_p_value=seen.p_value,
-        nominal=given,
-        refitted=refitted,
+        refitted=_described(given, bare),
         augmented=augmented,
         traces=traces_of(tests, silence, silence, silence),
         spectra=spectra_of(tests, silence, silence, noise),
-        surface=None,
         notes=(ASSUMED, *_level_notes(found)),
-    )
+    )  # fmt: skip
 
 
-def _bands(found: _Found, verdict: Verdict) -> tuple[tuple[float, float], ...]:
+def _bands(found: _Likeliest) -> tuple[tuple[float, float], ...]:
     """Return bands in which the spectra differ from the answer."""
-    if verdict == "unknown_effect":
+    if found.unknown:
         return found.failed_bands
-    agrees = found.best.p_value >= LIMITS.false_alarm_p_value
-    return () if agrees else found.best.failed_bands()
+    return () if found.agrees else found.best.failed_bands()
 
 
 def _quiet(trial: Trial) -> list[float]:
@@ -271,13 +253,12 @@ def _quiet(trial: Trial) -> list[float]:
     return [max(float(one), float(np.finfo(float).tiny)) for one in quiet]
 
 
-def _nothing(found: _Found, verdict: Verdict) -> float:
+def _nothing(found: _Likeliest) -> float:
     """Return the probability that the model lacks nothing."""
-    if found.named is not None:
-        others = sum(rival.probability for rival in found.named.rivals)
-        return float(max(1.0 - found.named.probability - others, 0.0))
-    p_value = min(found.compared.bare.p_value, found.unseen.p_value)
-    return 0.0 if verdict == "unknown_effect" else float(min(1.0, 0.5 + p_value))
+    if found.likeliest is not None:
+        others = sum(rival.probability for rival in found.likeliest.rivals)
+        return float(max(1.0 - found.likeliest.probability - others, 0.0))
+    return 0.0 if found.unknown else float(min(1.0, 0.5 + found.p_value))
 
 
 def _described(given: Description, fit: AmbientFit) -> Description:
@@ -285,45 +266,7 @@ def _described(given: Description, fit: AmbientFit) -> Description:
     return with_values(given, dict(values))
 
 
-def _gap(
-    campaign: Campaign,
-    plant: Plant,
-    found: _Found,
-    named: NamedEffect | None,
-    tests: tuple[Trial, ...],
-    kinds: Mapping[str, Kind],
-) -> Gap:
-    """Return spectral errors of the records judged on, whose forces alone are fitted."""
-    bare = found.compared.bare
-    nothing = np.zeros_like(bare.values)
-    as_given = fit_unseen(plant, tests, bare.prior.mean, nothing, None, kinds)
-    refitted = found.unseen
-    augmented = refitted
-    steps: tuple[GapStep, ...] = ()
-    if named is not None:
-        assert found.predicted is not None
-        augmented = found.predicted
-        steps = (GapStep(named.effect.kind, named.effect.place, spectral_error(augmented)),)
-    return Gap(
-        nominal=spectral_error(as_given),
-        refitted_nominal=spectral_error(refitted),
-        steps=steps,
-        augmented=spectral_error(augmented),
-        noise_floor=error_of_chance(refitted),
-        on="holdout" if campaign.holdout else "tail",
-        worst=spectral_error(augmented),
-    )
-
-
-def _closing(gap: Gap) -> str:
-    on = "the held-out record" if gap.on == "holdout" else "the last third of the records"
-    return (
-        f" The error of the spectra of {on} goes from {gap.refitted_nominal:.2g} to "
-        f"{gap.augmented:.2g}; chance alone makes {gap.noise_floor:.2g}."
-    )
-
-
-def _suspects(found: _Found) -> tuple[Suspect, ...]:
+def _suspects(found: _Likeliest) -> tuple[Suspect, ...]:
     """List places by the gain of log likelihood that they promise."""
     ranked = sorted(found.compared.expected.items(), key=lambda one: -one[1])
     most = max((gain for _, gain in ranked), default=0.0)
@@ -332,13 +275,13 @@ def _suspects(found: _Found) -> tuple[Suspect, ...]:
             place=place,
             score=gain,
             p_value=float(scipy.stats.chi2.sf(2 * gain, found.compared.sizes[place])),
-            share=found.explained * gain / most if most > 0 and found.named else 0.0,
+            share=found.explained * gain / most if most > 0 and found.likeliest else 0.0,
         )
         for place, gain in ranked
     )
 
 
-def _level_notes(found: _Found) -> list[str]:
+def _level_notes(found: _Likeliest) -> list[str]:
     """Tell how stiffness and damping of the likeliest element change with the level."""
     if not found.compared.equivalents:
         return []
@@ -377,28 +320,3 @@ def _bands_text(bands: tuple[tuple[float, float], ...]) -> str:
         more = len(bands) - TOLD_BANDS
         told += f" and {more} more bands between {bands[0][0]:.3g} and {bands[-1][1]:.3g} Hz"
     return told
-
-
-def _verdict(
-    found: _Found, moved: dict[str, Number], kinds: Mapping[str, Kind]
-) -> tuple[Verdict, str]:
-    named = found.named
-    if named is not None and found.is_adequate and (found.rivals or not found.is_refuted):
-        if not found.rivals:
-            return verdict_of([named], kinds), named.sentence
-        told = " or ".join(f"{kinds[one.effect].words} at {one.place}" for one in found.rivals)
-        return "undecided", (
-            "Something is missing, and spectra without a measured input cannot tell which of "
-            f"these: {told}."
-        )
-    if not found.model_holds:
-        near = f" The nearest law known here is: {named.sentence}" if named else ""
-        return (
-            "unknown_effect",
-            f"The spectra differ from those of the model{_bands_text(found.failed_bands)}."
-            f"{near}",
-        )
-    if moved:
-        told = ", ".join(f"{name} = {n.text}" for name, n in moved.items())
-        return "parameters_only", f"Constants are outside their tolerances: {told}."
-    return "nothing_missing", "The spectra are those of the model, within its tolerances."

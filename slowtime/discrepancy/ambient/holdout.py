@@ -52,8 +52,6 @@ def fit_unseen(
         Records that were not fitted.
     effect
         That was found; its equivalents follow the level of each record.
-    kinds
-        Catalogue of effects by name.
     """
     fits = [_fit_one(plant, trial, (values, sds), effect, kinds) for trial in trials]
     if len(fits) == 1:

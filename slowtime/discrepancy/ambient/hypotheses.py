@@ -40,7 +40,7 @@ _Idea = tuple[Place, str]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Candidate:
+class SpectralCandidate:
     """An effect that may be missing.
 
     Parameters
@@ -76,7 +76,7 @@ class Compared:
     """
 
     bare: AmbientFit
-    candidates: tuple[Candidate, ...]
+    candidates: tuple[SpectralCandidate, ...]
     equivalents: tuple[Equivalents, ...]
     expected: Mapping[Place, float]
     sizes: Mapping[Place, int]
@@ -85,13 +85,7 @@ class Compared:
 def compare_effects(
     problem: SpectralProblem, bare: AmbientFit, kinds: Mapping[str, Kind], monitor: Monitor
 ) -> Compared:
-    """Fit changes at each place, and laws to those of elements.
-
-    Parameters
-    ----------
-    kinds
-        Catalogue of effects by name.
-    """
+    """Fit changes at each place, and laws to those of elements."""
     changes = _changes(problem, kinds)
     begins = {
         idea: best_begin(problem.with_changes(*own), bare, DELAYS)
@@ -106,7 +100,7 @@ def compare_effects(
     ranked = sorted(
         changes, key=lambda idea: scipy.stats.chi2.logsf(2 * expected[idea], len(changes[idea]))
     )[:SHORTLIST]
-    candidates: list[Candidate] = []
+    candidates: list[SpectralCandidate] = []
     found: list[tuple[float, Equivalents]] = []
     for number, idea in enumerate(ranked):
         place, kind = idea
@@ -172,18 +166,20 @@ def _laws(
     bare: AmbientFit,
     kinds: Mapping[str, Kind],
     problem: SpectralProblem,
-) -> list[Candidate]:
+) -> list[SpectralCandidate]:
     """Fit laws to the equivalents of an element; all open joints are as probable as one."""
     place, description = equivalents.place, problem.plant.description
     laws = laws_of_elements(kinds, place, description, len(equivalents.values))
     against = bare.log_likelihood + log_joints(place, description)
     return [
-        Candidate(law.effect, law.sds, law.log_evidence - against, fit)
+        SpectralCandidate(law.effect, law.sds, law.log_evidence - against, fit)
         for law in fit_laws(equivalents, fit, laws)
     ]
 
 
-def _one_number(kind: Kind, place: Place, fit: AmbientFit, bare: AmbientFit) -> list[Candidate]:
+def _one_number(
+    kind: Kind, place: Place, fit: AmbientFit, bare: AmbientFit
+) -> list[SpectralCandidate]:
     """Return an effect of one number, where there is more than none of it."""
     change, sd = float(fit.change_values[0]), float(np.sqrt(fit.change_covariance[0, 0]))
     (parameter,) = kind.parameters
@@ -193,4 +189,4 @@ def _one_number(kind: Kind, place: Place, fit: AmbientFit, bare: AmbientFit) -> 
     occam = float(np.log1p((change / sd) ** 2)) / 2
     gain = fit.log_likelihood - bare.log_likelihood - occam
     effect = Effect(kind.name, place, {parameter.name: without + change})
-    return [Candidate(effect, {parameter.name: sd}, gain, fit)]
+    return [SpectralCandidate(effect, {parameter.name: sd}, gain, fit)]

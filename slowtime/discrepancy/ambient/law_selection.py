@@ -76,13 +76,7 @@ class FittedLaw:
 def laws_of_elements(
     kinds: Mapping[str, Kind], place: Place, description: Description, equivalents: int
 ) -> list[Kind]:
-    """List simple laws of an element that act at all times, with fewer parameters than data.
-
-    Parameters
-    ----------
-    kinds
-        Catalogue of effects by name.
-    """
+    """List simple laws of an element that act at all times, with fewer parameters than data."""
     return [
         kind
         for kind in simple_kinds(kinds)

@@ -335,23 +335,6 @@ def spectral_problem(plant: Plant, trials: Sequence[Trial]) -> SpectralProblem:
     return SpectralProblem(plant, prior_of(plant), driven, tuple(forces))
 
 
-def fit_ambient_spectra(plant: Plant, trials: Sequence[Trial]) -> AmbientFit:
-    """Fit constants, densities of forces and noise to the spectra of ambient records.
-
-    Parameters
-    ----------
-    plant
-        Without inputs and effects; its tolerances are the prior.
-    trials
-        Records; gaps are taken for zeros, so cut them at long ones.
-
-    Examples
-    --------
-    See `tests/slowtime/discrepancy/ambient/test_spectra.py`.
-    """
-    return fit_spectra(spectral_problem(plant, trials))
-
-
 def fit_spectra(
     problem: SpectralProblem, start: AmbientFit | None = None, begin: float = 0.0
 ) -> AmbientFit:

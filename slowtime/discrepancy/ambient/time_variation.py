@@ -8,7 +8,7 @@ from slowtime.dynamics.effects import Effect, Kind
 from slowtime.dynamics.plant import Plant
 
 from .equivalents import changes_of, equivalents_of
-from .hypotheses import Candidate
+from .hypotheses import SpectralCandidate
 from .law_selection import fit_laws
 from .spectra import fit_spectra, spectral_problem
 
@@ -17,24 +17,22 @@ PARTS = 3
 parts do not resolve a resonance."""
 INNER = 0.5 - 1 / PARTS
 """[share of a record] From its middle up to which jumps are sought: between whole parts."""
-FAMILIES = ("time-varying", "time-varying mass")
+TIME_VARYING_FAMILIES = ("time-varying", "time-varying mass")
 """Of laws that change with campaign time."""
 
 
 def with_time_variation(
-    candidates: Sequence[Candidate],
+    candidates: Sequence[SpectralCandidate],
     plant: Plant,
     trials: Sequence[Trial],
     kinds: Mapping[str, Kind],
-) -> tuple[Candidate, ...]:
+) -> tuple[SpectralCandidate, ...]:
     """Add what varies with time at the place of the best candidate.
 
     Parameters
     ----------
     candidates
         The most probable first.
-    kinds
-        Catalogue of effects by name.
 
     Returns
     -------
@@ -45,7 +43,7 @@ def with_time_variation(
     varying = [
         kind
         for kind in kinds.values()
-        if kind.family in FAMILIES and is_applicable(kind, place, description)
+        if kind.family in TIME_VARYING_FAMILIES and is_applicable(kind, place, description)
     ]
     if not varying:
         return tuple(candidates)
@@ -65,7 +63,7 @@ def with_time_variation(
     if level is None:
         return tuple(candidates)
     more = [
-        Candidate(law.effect, law.sds, best.gain + law.log_evidence - level, best.fit)
+        SpectralCandidate(law.effect, law.sds, best.gain + law.log_evidence - level, best.fit)
         for law in laws
         if law.effect.kind not in known and _switches_within(law.effect, kinds, trials)
     ]

@@ -1,6 +1,6 @@
 """Plant and records in, fitted constants and residuals out."""
 
-from .fit import Fit, initial_state_sds, refit, try_refit
+from .fit import BREAKDOWNS, Fit, attempt, initial_state_sds, refit, try_refit
 from .initial_states import motion_amplitude, multistart_initial_state, state_from_sensors
 from .levenberg_marquardt import WRONG_MODEL_CHI2, FitAbandoned, FitControl
 from .multiple_shooting import (
@@ -15,6 +15,7 @@ from .prior import DEFAULT_RELATIVE_SD, Prior, prior_of
 from .spectral_weights import SpectralWeights, spectral_weights
 
 __all__ = [
+    "BREAKDOWNS",
     "DEFAULT_RELATIVE_SD",
     "WRONG_MODEL_CHI2",
     "Fit",
@@ -22,6 +23,7 @@ __all__ = [
     "FitControl",
     "Prior",
     "SpectralWeights",
+    "attempt",
     "cut_segments",
     "first_periods",
     "initial_state_sds",

@@ -13,7 +13,7 @@ from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Effect, Kind, Place
 from slowtime.dynamics.plant import Name, Plant
 
-from .fit import Fit, refit
+from .fit import Fit, try_refit
 from .levenberg_marquardt import FitControl
 from .model_values import with_values
 from .spectral_weights import spectral_weights
@@ -51,8 +51,6 @@ def augmented_start(
 
     Parameters
     ----------
-    kinds
-        Catalogue of effects by name.
     start
         Where to start; as `before` ended where not given.
 
@@ -174,11 +172,6 @@ def refit_without(
 ) -> Fit | None:
     """Refit a model without one of its effects.
 
-    Parameters
-    ----------
-    kinds
-        Catalogue of effects by name.
-
     Returns
     -------
     The fit, which ends early where it will not reach the cost of the whole model; None where
@@ -198,14 +191,10 @@ def refit_without(
         [known.get(before(name), entry.value) for name, entry in plant.entries.items()]
     )
     states = states_without(fit, number) if len(fit.states) == len(trials) else None
-    try:
-        found = refit(
-            plant, trials, noise=fit.noise, values=values, states=states, horizons=(1.0,),
-            control=FitControl(cost_to_beat=fit.cost),
-        )  # fmt: skip
-    except (np.linalg.LinAlgError, FloatingPointError):
-        return None
-    return found if math.isfinite(found.cost) else None
+    return try_refit(
+        plant, trials, noise=fit.noise, values=values, states=states, horizons=(1.0,),
+        control=FitControl(cost_to_beat=fit.cost),
+    )  # fmt: skip
 
 
 def states_without(fit: Fit, number: int) -> list[Float[np.ndarray, " state"]]:

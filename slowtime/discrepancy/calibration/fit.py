@@ -1,8 +1,8 @@
 """Fit of a plant to records: growing horizons, noise estimate, and goodness of fit."""
 
 import dataclasses
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -35,6 +35,11 @@ from .measured_friction import MeasuredFrictionPlant, needs_measured_friction
 from .prior import Prior, prior_of
 from .spectral_weights import spectral_weights
 
+Given = ParamSpec("Given")
+Result = TypeVar("Result")
+
+BREAKDOWNS = (np.linalg.LinAlgError, FloatingPointError)
+"""What a fit raises whose numbers break down."""
 HORIZON_SHARES = (0.15, 0.4, 1.0)
 """[share of each record] Fitted one after the other, as the misfit of a whole record has more
 minima. Source: fewer steps ended in more minima; half and double change no answer of
@@ -360,14 +365,21 @@ def referred_to(fit: Fit, trials: Sequence[Trial]) -> tuple[object, ...]:
     return (fit, fit.noise, plant, plant.kinds, *plant.kinds.values(), *trials)
 
 
-def try_refit(plant: Plant, trials: Sequence[Trial], **how: Any) -> Fit | None:
-    """Refit as `refit` does; None where the fit breaks down or is abandoned.
+def attempt(
+    step: Callable[Given, Result], *given: Given.args, **how: Given.kwargs
+) -> Result | None:
+    """Take a step of a search; None where its fits break down or are abandoned.
 
     Breaking down is what a wrong law does: its runs grow without bound, or its equations have
     no solution.
     """
     try:
-        found = refit(plant, trials, **how)
-    except (np.linalg.LinAlgError, FloatingPointError, FitAbandoned):
+        return step(*given, **how)
+    except (*BREAKDOWNS, FitAbandoned):
         return None
-    return found if np.isfinite(found.cost) else None
+
+
+def try_refit(plant: Plant, trials: Sequence[Trial], **how: Any) -> Fit | None:
+    """Refit as `refit` does; None where the fit breaks down or is abandoned."""
+    found = attempt(refit, plant, trials, **how)
+    return found if found is not None and np.isfinite(found.cost) else None

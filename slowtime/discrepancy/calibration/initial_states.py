@@ -17,7 +17,7 @@ from slowtime.dynamics.channels import BASE_KINDS
 from slowtime.dynamics.plant import Plant
 from slowtime.dynamics.plant.sensing import sensor_readouts
 
-from .fit import Fit, refit
+from .fit import Fit, refit, try_refit
 from .spectral_weights import spectral_weights
 
 STARTS = 48
@@ -62,14 +62,11 @@ def multistart_initial_state(
     wide = np.resize(START_SPREADS, STARTS)[:, None]
     best, least = known, math.inf
     for number, start in enumerate([known, heard, *(wide * size * drawn)]):
-        try:
-            told = refit(
-                plant, (trial,), free=[], noise=noise, values=values, states=(start,),
-                horizons=MULTISTART_HORIZONS if number else (1.0,),
-            )  # fmt: skip
-        except (np.linalg.LinAlgError, FloatingPointError):
-            continue
-        if told.cost < least:
+        told = try_refit(
+            plant, (trial,), free=[], noise=noise, values=values, states=(start,),
+            horizons=MULTISTART_HORIZONS if number else (1.0,),
+        )  # fmt: skip
+        if told is not None and told.cost < least:
             best, least = told.states[0] if number else known, told.cost
     return best
 

@@ -5,7 +5,7 @@ import numpy as np
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.plant import Plant
 
-from .fit import Fit, refit, try_refit
+from .fit import Fit, try_refit
 from .levenberg_marquardt import WRONG_MODEL_CHI2, FitControl
 
 LEFT_TOLERANCES = 5.0
@@ -33,18 +33,12 @@ def refit_within_tolerances(fit: Fit, trials: tuple[Trial, ...]) -> Fit:
     for name, index, mean in zip(fit.prior.names, fit.prior.index, fit.prior.mean, strict=True):
         if name[0] != "effect":
             values[index] = mean
-    try:
-        return refit(
-            fit.plant,
-            trials,
-            noise=fit.noise,
-            values=values,
-            states=tuple(np.zeros_like(state) for state in fit.states),
-            horizons=(1.0,),
-            control=FitControl(max_tolerances=HELD_TOLERANCES),
-        )
-    except FloatingPointError:
-        return fit
+    held = try_refit(
+        fit.plant, trials, noise=fit.noise, values=values,
+        states=tuple(np.zeros_like(state) for state in fit.states), horizons=(1.0,),
+        control=FitControl(max_tolerances=HELD_TOLERANCES),
+    )  # fmt: skip
+    return held or fit
 
 
 def fit_within_tolerances(plant: Plant, trials: tuple[Trial, ...]) -> Fit | None:

@@ -59,13 +59,7 @@ CONSTANTS = {"stiffness_loss": ("stiffness", -1.0), "viscous_damping": ("damping
 def equivalent_laws(
     bent: Fit, trials: Sequence[Trial], kinds: Mapping[str, Kind]
 ) -> list[Candidate]:
-    """Propose laws at elements with moved constants, the best free run first.
-
-    Parameters
-    ----------
-    kinds
-        Catalogue of effects by name.
-    """
+    """Propose laws at elements with moved constants, the best free run first."""
     pulls = sorted(bent.pulls.items(), key=lambda pair: -abs(pair[1]))
     springs = _springs(bent)
     moved = (name[1] for name, pull in pulls if _is_moved(name, pull) and name[1] in springs)
@@ -113,11 +107,6 @@ def instead_of_constants(
 
     For a fit whose constants explain everything, so that its residual shows no law. Until they
     are refitted, they count as good as the best candidate.
-
-    Parameters
-    ----------
-    kinds
-        Catalogue of effects by name.
     """
     done = {label_of(one.effect) for one in labels}
     every = equivalent_laws(bent, trials, kinds)

@@ -10,7 +10,8 @@ from jaxtyping import Complex, Float
 
 from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.localization import Localization
-from slowtime.discrepancy.localization.latent_force import real_products
+from slowtime.discrepancy.localization.latent_force import RIDGE, real_products
+from slowtime.discrepancy.localization.pair_ranking import MIN_DISTINCT_SHARE
 from slowtime.discrepancy.localization.perturbed_reference import (
     Columns,
     LinearConstants,
@@ -19,12 +20,6 @@ from slowtime.discrepancy.localization.perturbed_reference import (
 from slowtime.dynamics.effects import Place
 from slowtime.signals.spectra import transform
 
-RIDGE = 1e-9
-"""[1] Added to the diagonal of the scaled normal equations. Source: well above double
-precision, well below what a prior adds."""
-MIN_DISTINCT_SHARE = 1e-7
-"""[share of a force's power] That constants must not reproduce, for the force to be told
-from them. Source: square root of double precision, with margin."""
 MAX_FORCE = 1e60
 """[N] Modulus from which a force counts as none. Source: its fourth power still is a number
 in double precision."""

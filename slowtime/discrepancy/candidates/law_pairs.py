@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.localization import Localization, PlaceGroup
+from slowtime.discrepancy.localization.pair_ranking import MIN_DISTINCT_SHARE
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import (
     Effect,
@@ -27,7 +28,7 @@ from slowtime.dynamics.effects import (
     simple_kinds,
 )
 
-from .force_space import MIN_DISTINCT_SHARE, ForceSpace, ForceSpectra
+from .force_space import ForceSpace, ForceSpectra
 from .library_fit import (
     Candidate,
     Label,
@@ -85,11 +86,6 @@ def law_pairs(
 ) -> list[tuple[Candidate, Candidate]]:
     """Find pairs of laws that leave less than half of what the best law leaves.
 
-    Parameters
-    ----------
-    kinds
-        Catalogue of effects by name.
-
     Returns
     -------
     The best pairs, the best first, with the start of the fit of both.
@@ -121,8 +117,8 @@ def law_pairs(
     found: dict[tuple[Label, ...], tuple[Candidate, Candidate]] = {}
     for gain, pair in sorted(both, key=lambda one: -one[0]):
         effects = [effect for column in pair if (effect := column.effect) is not None]
-        label = tuple(label_of(effect) for effect in effects)
-        if len(effects) < 2 or label in found:
+        key = tuple(label_of(effect) for effect in effects)
+        if len(effects) < 2 or key in found:
             continue
         cost = space.cost_without - gain
         numbers = sum(p.fitted for column in pair for p in column.kind.parameters)
@@ -132,7 +128,7 @@ def law_pairs(
         one_of, other_of = (
             Candidate(e, cost, score, space.cost_without, start) for e in effects
         )
-        found[label] = one_of, other_of
+        found[key] = one_of, other_of
         if len(found) == MAX_PAIRS:
             break
     return list(found.values())
@@ -153,8 +149,8 @@ def _pairs_of_laws(
     done: set[tuple[object, ...]] = set()
     for i, j in _pairs_by_gain(gain, least):
         one, other = columns[i], columns[j]
-        label = (one.kind.name, one.space.place, other.kind.name, other.space.place)
-        if one.kind is other.kind or abs(across[i, j]) > math.sqrt(SAME_FORCE) or label in done:
+        key = (one.kind.name, one.space.place, other.kind.name, other.space.place)
+        if one.kind is other.kind or abs(across[i, j]) > math.sqrt(SAME_FORCE) or key in done:
             continue
         both = (
             one.with_strength(first[i, j] / size[i]),
@@ -162,7 +158,7 @@ def _pairs_of_laws(
         )
         if any(column.effect is None for column in both):
             continue
-        done.add(label)
+        done.add(key)
         yield float(gain[i, j]), both
         if len(done) == MAX_PAIRS:
             return

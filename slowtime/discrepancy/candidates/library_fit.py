@@ -112,8 +112,6 @@ def library_candidates(
 
     Parameters
     ----------
-    kinds
-        Catalogue of effects by name.
     among
         Kinds of it to fit; those that contain no others where not given.
 

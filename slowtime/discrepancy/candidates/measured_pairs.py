@@ -20,8 +20,9 @@ import numpy as np
 import scipy.linalg
 from jaxtyping import Float
 
-from slowtime.discrepancy.calibration import Fit
+from slowtime.discrepancy.calibration import Fit, attempt
 from slowtime.discrepancy.localization import Localization, measured_motion
+from slowtime.discrepancy.localization.pair_ranking import MIN_DISTINCT_SHARE
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.effects import (
     Effect,
@@ -32,7 +33,7 @@ from slowtime.dynamics.effects import (
     simple_kinds,
 )
 
-from .force_space import MIN_DISTINCT_SHARE, ForceSpace, ForceSpectra
+from .force_space import ForceSpace, ForceSpectra
 from .library_fit import Candidate, Label, is_applicable, start_beside
 from .parameter_scan import (
     Shape,
@@ -145,8 +146,6 @@ def measured_pairs(
     ----------
     located
         Places along the measured motion (`measured_motion`).
-    kinds
-        Catalogue of effects by name.
 
     Returns
     -------
@@ -188,24 +187,16 @@ def act_apart(fit: Fit, trials: Sequence[Trial], kinds: Mapping[str, Kind]) -> b
     """Whether two laws at different places explain far more than any law does.
 
     Never of one coordinate: its element, its node and its link to the ground move alike.
-
-    Parameters
-    ----------
-    kinds
-        Catalogue of effects by name.
     """
-    try:
-        located = measured_motion(fit, trials)
-        if located is None or located.linear.structure.dofs < 2:
-            return False
-        pairs = measured_pairs(fit, located, kinds)
-    except (np.linalg.LinAlgError, FloatingPointError):
+    located = attempt(measured_motion, fit, trials)
+    if located is None or located.linear.structure.dofs < 2:
         return False
+    pairs = attempt(measured_pairs, fit, located, kinds) or []
     return any(one.effect.place != other.effect.place for one, other in pairs[:1])
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class _Pair:
+class _ColumnPair:
     """Two laws, one column each, with the strengths that explain most."""
 
     one: _Columns
@@ -296,31 +287,31 @@ def _best_alone(every: Sequence[_Columns]) -> list[_Columns]:
     chosen: list[tuple[int, int]] = []
     count: dict[tuple[int, str], int] = {}
     for _, block, number in ranked:
-        label = block, every[block].laws[number][0].name
-        if count.get(label, 0) < SHAPES_OF_FIRST and len(chosen) < FIRST_COLUMNS:
+        key = block, every[block].laws[number][0].name
+        if count.get(key, 0) < SHAPES_OF_FIRST and len(chosen) < FIRST_COLUMNS:
             chosen.append((block, number))
-            count[label] = count.get(label, 0) + 1
+            count[key] = count.get(key, 0) + 1
     blocks = sorted({block for block, _ in chosen})
     return [every[b].only([n for block, n in chosen if block == b]) for b in blocks]
 
 
-def _best_pairs(first: Sequence[_Columns], every: Sequence[_Columns]) -> list[_Pair]:
+def _best_pairs(first: Sequence[_Columns], every: Sequence[_Columns]) -> list[_ColumnPair]:
     """Best shapes of each pair of laws, the best pairs first."""
-    best: dict[frozenset[Label], _Pair] = {}
+    best: dict[frozenset[Label], _ColumnPair] = {}
     for one in first:
         for other in every:
             for pair in _pairs_between(one, other):
-                labels = frozenset(
+                both = frozenset(
                     (law[0].name, columns.space.place)
                     for law, columns in zip(pair.laws, (pair.one, pair.other), strict=True)
                 )
-                known = best.get(labels)
+                known = best.get(both)
                 if known is None or pair.gain > known.gain:
-                    best[labels] = pair
+                    best[both] = pair
     return sorted(best.values(), key=lambda pair: -pair.gain)[:REFINED_PAIRS]
 
 
-def _pairs_between(one: _Columns, other: _Columns) -> Iterator[_Pair]:
+def _pairs_between(one: _Columns, other: _Columns) -> Iterator[_ColumnPair]:
     """Possible pairs of laws at two places, the best shapes of each."""
     gain, first, second = _pair_gains(one, other)
     if not {"element", "node"} & {one.space.place.kind, other.space.place.kind}:
@@ -330,15 +321,15 @@ def _pairs_between(one: _Columns, other: _Columns) -> Iterator[_Pair]:
     done: set[tuple[str, str]] = set()
     for at in np.argsort(-gain, axis=None).tolist():
         i, j = divmod(at, len(other.laws))
-        label = names[0][i], names[1][j]
+        key = names[0][i], names[1][j]
         if gain[i, j] <= 0 or len(done) >= REFINED_PAIRS:
             return
-        if label in done or (same and label[0] == label[1]):
+        if key in done or (same and key[0] == key[1]):
             continue
         strengths = float(first[i, j]), float(second[i, j])
-        pair = _Pair(one.only([i]), other.only([j]), float(gain[i, j]), strengths)
+        pair = _ColumnPair(one.only([i]), other.only([j]), float(gain[i, j]), strengths)
         if pair.effects is not None:
-            done.add(label)
+            done.add(key)
             yield pair
 
 
@@ -363,7 +354,7 @@ def _pair_gains(
     return gain, first / size[:, None], second / size2
 
 
-def _refined(pair: _Pair) -> _Pair:
+def _refined(pair: _ColumnPair) -> _ColumnPair:
     """Refine the shapes of both laws, each beside the other."""
     step = SHAPE_STEP
     for _ in range(REFINEMENTS):
@@ -372,11 +363,11 @@ def _refined(pair: _Pair) -> _Pair:
     return pair
 
 
-def _swapped(pair: _Pair) -> _Pair:
-    return _Pair(pair.other, pair.one, pair.gain, pair.strengths[::-1])
+def _swapped(pair: _ColumnPair) -> _ColumnPair:
+    return _ColumnPair(pair.other, pair.one, pair.gain, pair.strengths[::-1])
 
 
-def _with_finer_shape(pair: _Pair, step: float) -> _Pair:
+def _with_finer_shape(pair: _ColumnPair, step: float) -> _ColumnPair:
     """Try neighbouring shapes of the first of two laws."""
     (kind, shape), space = pair.laws[0], pair.one.space
     if not has_strength(kind):
@@ -388,7 +379,7 @@ def _with_finer_shape(pair: _Pair, step: float) -> _Pair:
         gain, first, second = _pair_gains(columns, pair.other)
         for i in np.argsort(-gain[:, 0]).tolist():
             strengths = float(first[i, 0]), float(second[i, 0])
-            other = _Pair(columns.only([i]), pair.other, float(gain[i, 0]), strengths)
+            other = _ColumnPair(columns.only([i]), pair.other, float(gain[i, 0]), strengths)
             if other.gain <= pair.gain:
                 break
             if other.effects is not None:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.candidates.force_space import ForceSpace
-from slowtime.discrepancy.candidates.library_fit import is_applicable
+from slowtime.discrepancy.candidates.library_fit import Label, is_applicable
 from slowtime.discrepancy.candidates.parameter_scan import best_effect
 from slowtime.discrepancy.estimation.candidate_fit import fit_candidate
 from slowtime.discrepancy.estimation.model_evidence import FittedCandidate
@@ -50,6 +50,11 @@ class Combination:
     fitted: FittedCandidate | None = None
 
     @property
+    def labels(self) -> tuple[Label, ...]:
+        """Its laws and their element."""
+        return tuple((law, self.place) for law in self.laws)
+
+    @property
     def last(self) -> Fit:
         """Fit with all laws."""
         return self.fits[-1]
@@ -71,13 +76,7 @@ def law_sets(known: Sequence[str]) -> Iterator[frozenset[str]]:
 def applicable_laws(
     kinds: Mapping[str, Kind], place: Place, description: Description
 ) -> tuple[str, ...]:
-    """Return the kinds that may act at a place: laws of angles need a model of angles.
-
-    Parameters
-    ----------
-    kinds
-        Catalogue of effects by name.
-    """
+    """Return the kinds that may act at a place: laws of angles need a model of angles."""
     return tuple(n for n, kind in kinds.items() if is_applicable(kind, place, description))
 
 
@@ -92,8 +91,6 @@ def fit_combinations(
 
     Parameters
     ----------
-    kinds
-        Catalogue of effects by name.
     monitor
         Told what is fitted; says whether the budget is used up.
 

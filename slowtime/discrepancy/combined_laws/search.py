@@ -7,13 +7,15 @@ probability of all combinations that it is in.
 """
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 import scipy.fft
+import scipy.special
 
 from slowtime.discrepancy.calibration import Fit, try_refit
 from slowtime.discrepancy.calibration.augmentation import fitted_effects
+from slowtime.discrepancy.candidates.library_fit import Label
 from slowtime.discrepancy.diagnosis import NamedEffect, Rival
 from slowtime.discrepancy.estimation.candidate_fit import with_noise_of_best
 from slowtime.discrepancy.estimation.model_evidence import FittedCandidate, evidence, misfit
@@ -23,9 +25,10 @@ from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.noise import Noise
 from slowtime.discrepancy.progress import Monitor
-from slowtime.discrepancy.quoting import numbers_of, sentence_of
+from slowtime.discrepancy.quoting import numbers_of
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.selection.comparison import explains_all
+from slowtime.discrepancy.selection.probabilities import name_in_combination
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.description import OpenJoint, Spring
 from slowtime.dynamics.effects import Kind, Place
@@ -33,7 +36,6 @@ from slowtime.dynamics.effects import Kind, Place
 from .combinations import (
     STIFFNESSES,
     Combination,
-    Laws,
     applicable_laws,
     fit_combinations,
     law_sets,
@@ -70,14 +72,9 @@ class RankedCombination:
     probability: float
 
     @property
-    def laws(self) -> Laws:
-        """Kinds of effects of the combination."""
-        return self.combination.laws
-
-    @property
-    def place(self) -> Place:
-        """Element of the combination."""
-        return self.combination.place
+    def labels(self) -> tuple[Label, ...]:
+        """Its laws and their element."""
+        return self.combination.labels
 
 
 def explain_together(
@@ -87,8 +84,6 @@ def explain_together(
 
     Parameters
     ----------
-    kinds
-        Catalogue of effects by name.
     monitor
         Told the stage; says whether the budget is used up.
 
@@ -277,12 +272,11 @@ def _shares(
     best = scored[0].fit
     tempered = LIMITS.evidence_power / max(best.chi2_in_band, 1.0)
     tempered *= independent_share(best, trials)
-    log_odds = np.array([
+    shares: list[float] = scipy.special.softmax([
         one.score + leniency(one, kinds, first) + (1 - tempered) * one.fit.cost / 2
         for one in scored
-    ])  # fmt: skip
-    odds = np.exp(log_odds - log_odds.max())
-    return [float(p) for p in odds / odds.sum()]
+    ]).tolist()  # fmt: skip
+    return shares
 
 
 def independent_share(fit: Fit, trials: Sequence[Trial]) -> float:
@@ -311,37 +305,20 @@ def _answers(
 ) -> Iterator[NamedEffect]:
     """Name the laws of the best combination, each with the probability of its own."""
     effects = fitted_effects(best.last)
-    given = len(effects) - len(best.laws)
-    for number, law in enumerate(best.laws):
-        kind, numbers = kinds[law], numbers_of(best.last, given + number)
-        yield NamedEffect(
-            effect=effects[given + number],
-            family=kind.family,
-            numbers=numbers,
-            probability=_probability(law, best.place, ranked),
-            rivals=tuple(_rivals(law, best.place, ranked)),
-            sentence=sentence_of(kind, best.place, numbers),
-        )
+    models = [(one.labels, one.probability) for one in ranked]
+    for number in range(len(effects) - len(best.laws), len(effects)):
+        effect = effects[number]
 
+        def instead(
+            labels: Collection[Label], *, spring: bool = effect.kind in STIFFNESSES
+        ) -> list[Label]:
+            return [
+                one for one in labels
+                if one not in best.labels and (one[0] in STIFFNESSES) == spring
+            ]  # fmt: skip
 
-def _probability(law: str, place: Place, ranked: Sequence[RankedCombination]) -> float:
-    """Sum the probabilities of the combinations that hold a law at a place."""
-    return sum(s.probability for s in ranked if law in s.laws and s.place == place)
-
-
-def _rivals(law: str, place: Place, ranked: Sequence[RankedCombination]) -> Iterator[Rival]:
-    """Give laws that combinations without this one have in its place."""
-    without = [s for s in ranked if law not in s.laws or s.place != place]
-    best = ranked[0].combination
-    others = dict.fromkeys(
-        (other, s.place) for s in without for other in s.laws
-        if (other not in best.laws or s.place != place)
-        and (other in STIFFNESSES) == (law in STIFFNESSES)
-    )  # fmt: skip
-    for other, at in others:
-        share = sum(s.probability for s in without if other in s.laws and s.place == at)
-        if share > LIMITS.told_probability:
-            yield Rival(other, at, share)
+        numbers = numbers_of(best.last, number)
+        yield name_in_combination(effect, numbers, models, instead, kinds)
 
 
 def _with_doubts(hypothesis: Hypothesis, ranked: Sequence[RankedCombination]) -> Hypothesis:
@@ -356,16 +333,17 @@ def _with_doubts(hypothesis: Hypothesis, ranked: Sequence[RankedCombination]) ->
             *answer.rivals,
         )
     }
-    more = dict.fromkeys(
-        (law, s.place) for s in ranked for law in s.laws
-        if law not in best.laws and (law, s.place) not in rivals
-    )  # fmt: skip
-    for law, place in more:
-        share = _probability(law, place, ranked)
-        if share > 1 - LIMITS.decided_probability:
-            rivals[law, place] = Rival(law, place, share)
+    total: dict[Label, float] = {}
+    for one in ranked:
+        for label in one.labels:
+            total[label] = total.get(label, 0.0) + one.probability
+    for label, share in total.items():
+        fresh = label[0] not in best.laws and label not in rivals
+        if fresh and share > 1 - LIMITS.decided_probability:
+            rivals[label] = Rival(*label, share)
     if not rivals:
         return hypothesis
-    other = next(s.combination for s in ranked[1:] if set(s.laws) != set(best.laws))
+    others = (one.combination for one in ranked[1:])
+    other = next(one for one in others if set(one.laws) != set(best.laws))
     pair = tuple(one.fitted for one in (best, other) if one.fitted is not None)
     return dataclasses.replace(hypothesis, undecided=tuple(rivals.values()), pair=pair)

@@ -34,8 +34,6 @@ def mask_clock_overrun(
         Names of the sensors, in the order of the outputs.
     effects
         Effects of a model; only changes of sensors are looked at.
-    kinds
-        Catalogue of effects by name.
 
     Returns
     -------

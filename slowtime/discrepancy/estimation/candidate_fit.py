@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from slowtime.discrepancy.calibration import (
+    BREAKDOWNS,
     WRONG_MODEL_CHI2,
     Fit,
     FitAbandoned,
@@ -169,8 +170,6 @@ def fit_candidate(
 
     Parameters
     ----------
-    kinds
-        Catalogue of effects by name.
     noise
         By which residuals are weighted; estimated from the residual where not given.
     control
@@ -210,7 +209,7 @@ def fit_candidate(
             fit, trials, kinds, control.cost_to_beat, MAIN_EFFECT_SHARE * before.chi2_in_band,
             late=control.is_late,
         )  # fmt: skip
-    except (np.linalg.LinAlgError, FloatingPointError, FitAbandoned):
+    except (*BREAKDOWNS, FitAbandoned):
         if short is None or short.chi2_in_band > WRONG_MODEL_CHI2:
             return None
         # It explains every piece, and runs away from, or loses its way in, a whole record.
@@ -220,11 +219,11 @@ def fit_candidate(
     return FittedCandidate(effect, description, fit, evidence(fit, kinds), short)
 
 
-def _growing(label: Candidate, kind: Kind, *, shooting: bool) -> tuple[float, ...]:
+def _growing(candidate: Candidate, kind: Kind, *, shooting: bool) -> tuple[float, ...]:
     """Give the shares of the records to which a law is fitted one after the other."""
-    if shooting or (label.start is not None and not label.start.from_segments):
+    if shooting or (candidate.start is not None and not candidate.start.from_segments):
         return COARSE_HORIZONS
-    sticks = label.start is not None and isinstance(kind.action, Friction)
+    sticks = candidate.start is not None and isinstance(kind.action, Friction)
     return STICK_SLIP_HORIZONS if sticks else GROWING_HORIZONS
 
 
@@ -442,8 +441,6 @@ def fit_candidates(
 
     Parameters
     ----------
-    trials, kinds
-        Records, and the catalogue of effects by name.
     tick
         As in `Fitting`.
     shooting
@@ -511,7 +508,7 @@ def with_noise_of_best(
         ):
             # One period off over a long record, the misfit has a minimum too.
             fit = _or_anew(fit, trials, over)
-    except (FloatingPointError, FitAbandoned):
+    except (*BREAKDOWNS, FitAbandoned):
         return found
     heard = dataclasses.replace(best, fit=fit, score=evidence(fit, kinds))
     if not is_shown(heard, trials, kinds):

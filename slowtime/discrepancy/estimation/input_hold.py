@@ -5,13 +5,13 @@ until the next sample, or a straight line that somebody's simulation drew. A ste
 half a sample: in a free run that is met to a thousandth, the wrong hold is something missing.
 """
 
-import contextlib
 import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import numpy as np
 
+from slowtime.discrepancy.calibration import attempt
 from slowtime.discrepancy.calibration.augmentation import with_effect
 from slowtime.discrepancy.calibration.fit import Fit, referred_to, refit
 from slowtime.discrepancy.localization import Localization, likeliest_places, locate
@@ -95,18 +95,16 @@ def found_holds(
 
     def told(described: Description) -> tuple[float, float]:
         """Log likelihood, and what the best force leaves over the noise."""
-        try:
-            one = located(described, places)
-        except (np.linalg.LinAlgError, FloatingPointError):
+        one = attempt(located, described, places)
+        if one is None:
             return -np.inf, np.inf
         return one.log_likelihood, min(group.left for group in one.groups)
 
     def likelihood(described: Description) -> float:
         return told(described)[0]
 
-    try:
-        found = located(description)
-    except (np.linalg.LinAlgError, FloatingPointError):
+    found = attempt(located, description)
+    if found is None:
         return None
     places = [group.places[0] for group in found.groups[:COMPARED_PLACES]]
     stated = [entry.hold for entry in description.inputs]
@@ -195,8 +193,6 @@ def held_as_well(
         The fit without the effect, and the noise that the one with it leaves.
     lead
         Log evidence that the effect brings [nats].
-    trials, kinds
-        Records, and the catalogue of effects by name.
     stated
         What the model says of each input; None where it says nothing.
 
@@ -236,9 +232,7 @@ def _others(
     tried = [[one or hold for one in stated] for hold in (*OTHERS, "band_limited")]
 
     def fit_held(holds: Sequence[Hold]) -> Fit | None:
-        with contextlib.suppress(np.linalg.LinAlgError, FloatingPointError):
-            return with_holds(last, holds, trials, kinds, noise)
-        return None
+        return attempt(with_holds, last, holds, trials, kinds, noise)
 
     shared = (*referred_to(last, trials), kinds, *kinds.values(), noise)
     others = map_shared(fit_held, [holds for holds in tried if holds != now], shared)
@@ -282,8 +276,6 @@ def with_holds(
     ----------
     holds
         One for each input.
-    trials, kinds
-        Records, and the catalogue of effects by name.
     noise
         By which residuals are weighted; estimated again where not given.
     """

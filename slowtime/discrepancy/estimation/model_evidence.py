@@ -50,8 +50,6 @@ def evidence(fit: Fit, kinds: Mapping[str, Kind], noise_scale: float = 1.0) -> f
     ----------
     fit
         Of the model; its `cost` is chi squared with priors [1].
-    kinds
-        Catalogue of effects by name.
     noise_scale
         Factor on the variance of the noise [1].
 

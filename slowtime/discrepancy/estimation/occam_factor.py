@@ -39,8 +39,6 @@ def leniency(
 
     Parameters
     ----------
-    kinds
-        Catalogue of effects by name.
     bare
         The fit without it: a damping that this moves as far does not speak for the candidate.
 

@@ -49,8 +49,6 @@ def refine_switching_instant(
 
     Parameters
     ----------
-    trials, kinds
-        Records, and the catalogue of effects by name.
     beat
         Cost of another model [1]: where this one costs several times as much, whole records are
         not searched.

@@ -80,8 +80,6 @@ def propose_experiment(
     ----------
     rivals
         Fitted to the same trials, the likeliest first.
-    kinds
-        Catalogue of effects by name.
     """
     rivals = rivals[:MAX_RIVALS]
     if len(rivals) < 2:
@@ -129,8 +127,6 @@ def separations(
         The likeliest first.
     trials
         Records so far; the strongest is repeated.
-    kinds
-        Catalogue of effects by name.
     """
     strongest = _strongest(trials)
     trial = trials[strongest]
@@ -182,8 +178,6 @@ def predict(
         Record whose inputs act; its outputs are not used.
     start_s
         Campaign time of the experiment [s].
-    kinds
-        Catalogue of effects by name.
     state0
         State at its beginning; at rest where not given.
     """

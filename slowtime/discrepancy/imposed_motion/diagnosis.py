@@ -2,38 +2,38 @@
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
 from slowtime.discrepancy.calibration.augmentation import with_effect
 from slowtime.discrepancy.calibration.model_values import with_values
-from slowtime.discrepancy.data.screening import Finding, screen
+from slowtime.discrepancy.candidates.library_fit import Label
+from slowtime.discrepancy.data.screening import Finding
 from slowtime.discrepancy.diagnosis import (
     Diagnosis,
-    Gap,
-    GapStep,
     NamedEffect,
     Number,
     Rival,
     Spectra,
     Surface,
     Traces,
-    Verdict,
-    When,
 )
 from slowtime.discrepancy.progress import Monitor
-from slowtime.discrepancy.quoting import percent, sentence_of, unit_at
+from slowtime.discrepancy.quoting import numbers_of_effect, percent
 from slowtime.discrepancy.records import Campaign, Trial
-from slowtime.discrepancy.selection.probabilities import doubts_about, fault_of
+from slowtime.discrepancy.report.assembly import assemble
+from slowtime.discrepancy.report.outcome import ErrorMeasure, Outcome, gap_of
+from slowtime.discrepancy.selection.probabilities import first_doubts, name_in_combination
 from slowtime.discrepancy.thresholds import LIMITS
+from slowtime.discrepancy.validation.free_run import learnt_and_unseen
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Kind
 
 from .experiment import deciding_experiment
 from .records import ForceRecord, ImposedRig, force_record, rig_of
 from .regression import ForceFit, ForceRegression
-from .selection import MEMORY, Comparison, ForceModel, compare, group_of
+from .selection import MEMORY, ForceModel, LawComparison, compare, group_of
 from .standstill import without_standstills
 
 SLIDING = 0.95
@@ -45,21 +45,21 @@ left by a correlation of a third from one sample to the next."""
 MAX_REST = 0.3
 """[share of the scatter of the force] That a law which is named leaves at most. Source: laws of
 published dampers leave 11 to 25 % of their measured forces."""
-IMPOSED = "Motion was imposed and force measured: errors are relative to the measured force."
-JUDGED = {True: "the held-out record", False: "the last third of the records"}
-NO_HOLDOUT = "No record was held out: the error is that of the last third of each record."
-
-
 MAX_WORSE = 3.0
 """[1] Error of the force on held-out records over that of cross-validation, up to which a law
 holds. Source: a decision: friction of two days differs by less."""
 HELD = 0.1
 """[share of the scatter of the force] Error on held-out records below which a law holds in any
 case. Source: good laws of published dampers leave as much."""
+IMPOSED = "Motion was imposed and force measured: errors are relative to the measured force."
+NO_HOLDOUT = "No record was held out: the error is that of the last third of each record."
+FORCES = ErrorMeasure(
+    " of the force", reached="as in cross-validation", alone="cross-validation left"
+)
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class _Found:
+class _Chosen:
     """The models compared, their probabilities, and the chosen one with its predecessors.
 
     Parameters
@@ -75,6 +75,7 @@ class _Found:
     """
 
     regression: ForceRegression
+    judged: Sequence[ForceRecord]
     models: tuple[ForceModel, ...]
     shares: tuple[float, ...]
     steps: tuple[ForceFit, ...]
@@ -106,44 +107,32 @@ def diagnose_imposed_motion(
     ----------
     campaign
         Model of one spring, and records of its motion and force.
-    kinds
-        Catalogue of effects by name.
 
     Returns
     -------
     The diagnosis; errors are those of the force.
     """
-    rig = rig_of(campaign.description)
+    given = campaign.description
+    rig = rig_of(given)
     assert rig is not None
-    held_out = tuple(screen(trial).trial for trial in campaign.holdout)
-    learn = trials if held_out else tuple(_head(trial) for trial in trials)
-    tests = held_out or tuple(_tail(trial) for trial in trials)
-    records = [force_record(rig, trial) for trial in learn]
-    judged = [force_record(rig, trial) for trial in tests]
+    learnt, tests = learnt_and_unseen(trials, campaign.holdout)
+    records, judged = ([force_record(rig, one) for one in part] for part in (learnt, tests))
     findings = without_standstills(findings, [force_record(rig, trial) for trial in trials])
-    regression = ForceRegression(rig, campaign.description.tolerance, records, kinds)
-    comparison = compare(regression, campaign.description, kinds, monitor)
+    regression = ForceRegression(rig, given.tolerance, records, kinds)
+    comparison = compare(regression, given, kinds, monitor)
     found = _chosen(regression, comparison, judged, kinds)
-    return _answer(campaign, rig, found, judged, findings, kinds)
-
-
-def _head(trial: Trial) -> Trial:
-    return trial.part(0, len(trial.outputs) * 2 // 3)
-
-
-def _tail(trial: Trial) -> Trial:
-    return trial.part(len(trial.outputs) * 2 // 3, len(trial.outputs))
+    return assemble(given, _outcome(campaign, found, kinds), findings, kinds)
 
 
 def _chosen(
     regression: ForceRegression,
-    comparison: Comparison,
+    comparison: LawComparison,
     judged: Sequence[ForceRecord],
     kinds: Mapping[str, Kind],
-) -> _Found:
+) -> _Chosen:
     """Choose the likeliest model; its error on held-out records tempers all probabilities."""
     models = comparison.models
-    scatter = float(np.std(np.concatenate([one.force for one in judged])))
+    scatter = _scatter(judged)
     spread = float(np.std(regression.force[regression.used]))
 
     def error(fit: ForceFit) -> float:
@@ -162,57 +151,85 @@ def _chosen(
         steps.append(models[max(parts, key=lambda i: comparison.scores[i])].fit)
     if best:
         steps.append(models[best].fit)
-    return _Found(
-        regression, models, tuple(shares), tuple(steps),
+    return _Chosen(
+        regression, judged, models, tuple(shares), tuple(steps),
         tuple(error(one) for one in steps), rest, comparison.count,
     )  # fmt: skip
 
 
-def _answer(
-    campaign: Campaign,
-    rig: ImposedRig,
-    found: _Found,
-    judged: Sequence[ForceRecord],
-    findings: tuple[Finding, ...],
-    kinds: Mapping[str, Kind],
-) -> Diagnosis:
+def _outcome(campaign: Campaign, found: _Chosen, kinds: Mapping[str, Kind]) -> Outcome:
     given, last, regression = campaign.description, found.last, found.regression
-    effects = [_named(found, number, given, kinds) for number in range(len(last.effects))]
-    faults = [a for f in findings if (a := fault_of(f, given, kinds)) is not None]
-    moved = _moved(regression, last)
-    verdict, rivals = _verdict(effects, found, moved)
-    answers = [*(effects if verdict != "unknown_effect" else ()), *faults]
-    refitted = _described(given, rig, found.steps[0])
+    effects = _named(found, given, kinds)
+    unknown = _unknown(found, effects)
+    rivals = () if unknown else first_doubts(sorted(effects, key=lambda one: one.probability))
+    rig, held_out = regression.rig, bool(campaign.holdout)
     augmented = _described(given, rig, last)
     for effect in last.effects:
         augmented = with_effect(augmented, effect)
     white = found.count > MIN_WHITE * np.count_nonzero(regression.used)
-    return Diagnosis(
-        verdict=verdict,
-        sentence=_sentence(verdict, effects, rivals, kinds, rig, moved)
-        + _closing(bool(campaign.holdout), found),
-        effects=tuple(answers),
+    return Outcome(
+        effects=() if unknown else effects,
         undecided=rivals,
+        unknown=unknown,
+        moved=_moved(regression, last),
         experiment=deciding_experiment(
             regression, _fits_of(rivals, found), found.rest, found.count
         ),
         nothing_probability=found.shares[0],
-        moved=moved,
-        where=(),
-        when=When((), (), ""),
-        findings=findings,
-        gap=_gap(campaign, found, judged),
+        gap=gap_of(
+            effects, found.errors, floor=min(found.rest, found.errors[-1]), held_out=held_out,
+            nominal=_rms(regression.as_given(found.judged)) / _scatter(found.judged),
+        ),
+        measure=FORCES,
         chi2_per_datum=1.0,
         residual_white=bool(white),
         white_p_value=float(white),
-        nominal=given,
-        refitted=refitted,
+        refitted=_described(given, rig, found.steps[0]),
         augmented=augmented,
-        traces=_traces(regression, found.steps, judged),
+        traces=_traces(found),
         spectra=_no_spectra(len(given.sensors)),
         surface=_surface(regression, found.steps),
-        notes=_notes(campaign, found, kinds),
+        notes=_notes(found, kinds, held_out=held_out),
+    )  # fmt: skip
+
+
+def _named(found: _Chosen, given: Description, kinds: Mapping[str, Kind]) -> list[NamedEffect]:
+    """Name each law of the chosen model, with its probability in all models."""
+    last, place = found.last, found.regression.place
+    own = {effect.kind for effect in last.effects}
+    models = [
+        ([(name, place) for name in sorted(model.names)], share)
+        for model, share in zip(found.models, found.shares, strict=True)
+    ]
+    effects = []
+    for effect, sds in zip(last.effects, last.sds, strict=True):
+        kind = kinds[effect.kind]
+
+        def instead(labels: Collection[Label], group: str = group_of(kind)) -> list[Label]:
+            others = [one for one in labels if one[0] not in own]
+            return sorted(others, key=lambda one: group_of(kinds[one[0]]) != group)[:1]
+
+        numbers = numbers_of_effect(effect, sds, kind, given)
+        effects.append(name_in_combination(effect, numbers, models, instead, kinds))
+    return effects
+
+
+def _unknown(found: _Chosen, effects: Sequence[NamedEffect]) -> str:
+    """Say what no law explains; nothing where the likeliest holds."""
+    if found.rest <= MAX_REST and found.holds:
+        return ""
+    told = (
+        f"The force in {found.regression.rig.spring.id} follows none of the laws in slowtime's "
+        "catalogue."
     )
+    if effects:
+        told += f" The nearest effect is: {effects[0].sentence}"
+    if not found.holds:
+        told += (
+            " The likeliest model does not hold: its error on what was not fitted is "
+            f"{found.errors[-1] / found.rest:.2g} times that of cross-validation."
+        )
+    return told
 
 
 def _moved(regression: ForceRegression, fit: ForceFit) -> dict[str, Number]:
@@ -226,7 +243,7 @@ def _moved(regression: ForceRegression, fit: ForceFit) -> dict[str, Number]:
     }
 
 
-def _fits_of(rivals: Sequence[Rival], found: _Found) -> list[ForceFit]:
+def _fits_of(rivals: Sequence[Rival], found: _Chosen) -> list[ForceFit]:
     """Return the likeliest model with each of the rivals."""
     ranked = sorted(range(len(found.models)), key=lambda i: -found.shares[i])
     fits = []
@@ -236,27 +253,10 @@ def _fits_of(rivals: Sequence[Rival], found: _Found) -> list[ForceFit]:
     return fits
 
 
-def _gap(campaign: Campaign, found: _Found, judged: Sequence[ForceRecord]) -> Gap:
-    scatter = float(np.std(np.concatenate([one.force for one in judged])))
-    errors, regression = found.errors, found.regression
-    return Gap(
-        nominal=_rms(regression.as_given(judged)) / scatter,
-        refitted_nominal=errors[0],
-        steps=tuple(
-            GapStep(effect.kind, regression.place, error)
-            for effect, error in zip(found.last.effects, errors[1:], strict=True)
-        ),
-        augmented=errors[-1],
-        noise_floor=min(found.rest, errors[-1]),
-        on="holdout" if campaign.holdout else "tail",
-        worst=errors[-1],
-    )
-
-
-def _notes(campaign: Campaign, found: _Found, kinds: Mapping[str, Kind]) -> tuple[str, ...]:
+def _notes(found: _Chosen, kinds: Mapping[str, Kind], *, held_out: bool) -> tuple[str, ...]:
     """Tell how the records were used, and offsets and levels that people look for."""
     regression, last = found.regression, found.last
-    notes = [IMPOSED, *(() if campaign.holdout else (NO_HOLDOUT,))]
+    notes = [IMPOSED, *(() if held_out else (NO_HOLDOUT,))]
     skipped = 1 - float(np.mean(regression.used))
     if skipped > 0:
         notes.append(
@@ -305,103 +305,13 @@ def _size(fit: ForceFit) -> float:
     )
 
 
-def _closing(held_out: bool, found: _Found) -> str:
-    on, errors = JUDGED[held_out], found.errors
-    worse = (
-        ""
-        if found.holds
-        else f" That is {errors[-1] / found.rest:.2g} times the error on the fitted samples: "
-        "the law does not hold on the validation samples."
-    )
-    return (
-        f" The error of the force on {on} is {percent(errors[-1])}; without a law "
-        f"{percent(errors[0])}.{worse}"
-    )
+def _scatter(records: Sequence[ForceRecord]) -> float:
+    """Return the standard deviation of the force of records [N]."""
+    return float(np.std(np.concatenate([one.force for one in records])))
 
 
 def _rms(series: Sequence[np.ndarray]) -> float:
     return float(np.sqrt(np.mean(np.concatenate(list(series)) ** 2)))
-
-
-def _named(
-    found: _Found, number: int, given: Description, kinds: Mapping[str, Kind]
-) -> NamedEffect:
-    """Name one law with its numbers, its probability in all models, and what may be instead."""
-    last, place = found.last, found.regression.place
-    effect, kind = last.effects[number], kinds[last.effects[number].kind]
-    numbers = {
-        name: Number(
-            value,
-            last.sds[number].get(name, 0.0),
-            unit_at(given, effect.place, kind.parameter(name).unit),
-        )
-        for name, value in effect.parameters.items()
-    }
-    instead: dict[str, float] = {}
-    probability = 0.0
-    for model, share in zip(found.models, found.shares, strict=True):
-        if effect.kind in model.names:
-            probability += share
-        elif others := sorted(
-            model.names - {one.kind for one in last.effects},
-            key=lambda name: group_of(kinds[name]) != group_of(kind),
-        ):
-            instead[others[0]] = instead.get(others[0], 0.0) + share
-    rivals = tuple(
-        Rival(name, place, share)
-        for name, share in sorted(instead.items(), key=lambda one: -one[1])
-        if share > LIMITS.told_probability
-    )
-    return NamedEffect(
-        effect=effect, family=kind.family, numbers=numbers,
-        probability=min(probability, 1.0), rivals=rivals,
-        sentence=sentence_of(kind, place, numbers),
-    )  # fmt: skip
-
-
-def _verdict(
-    effects: Sequence[NamedEffect], found: _Found, moved: Mapping[str, Number]
-) -> tuple[Verdict, tuple[Rival, ...]]:
-    if found.rest > MAX_REST or not found.holds:
-        return "unknown_effect", ()
-    if not effects:
-        return "parameters_only" if moved else "nothing_missing", ()
-    for effect in sorted(effects, key=lambda one: one.probability):
-        if rivals := doubts_about(effect):
-            return "undecided", rivals
-    return "missing_effect", ()
-
-
-def _sentence(
-    verdict: Verdict,
-    effects: Sequence[NamedEffect],
-    rivals: Sequence[Rival],
-    kinds: Mapping[str, Kind],
-    rig: ImposedRig,
-    moved: Mapping[str, Number],
-) -> str:
-    if verdict == "undecided":
-        names = " or ".join(kinds[one.effect].words for one in rivals)
-        return (
-            f"The force in {rig.spring.id} follows one of several laws, which these records "
-            f"cannot tell apart: {names}."
-        )
-    if verdict == "unknown_effect":
-        near = f" The nearest is {effects[0].sentence}" if effects else ""
-        return (
-            f"The force in {rig.spring.id} follows none of the laws in slowtime's "
-            f"catalogue.{near}"
-        )
-    told = ", ".join(f"{name} = {number.text}" for name, number in moved.items())
-    if verdict == "parameters_only":
-        return f"No effect is missing, but constants are outside their tolerances: {told}."
-    if verdict == "nothing_missing":
-        return (
-            f"Nothing is missing: the force in {rig.spring.id} is that of its spring and its "
-            "damper."
-        )
-    named = " ".join(one.sentence for one in effects)
-    return f"{named} Constants are outside their tolerances: {told}." if moved else named
 
 
 def _described(given: Description, rig: ImposedRig, fit: ForceFit) -> Description:
@@ -425,10 +335,9 @@ def _surface(regression: ForceRegression, steps: Sequence[ForceFit]) -> Surface:
     )  # fmt: skip
 
 
-def _traces(
-    regression: ForceRegression, steps: Sequence[ForceFit], judged: Sequence[ForceRecord]
-) -> tuple[Traces, ...]:
+def _traces(found: _Chosen) -> tuple[Traces, ...]:
     """Collect the measured force of each record, and that of each model."""
+    regression, steps, judged = found.regression, found.steps, found.judged
     given = regression.as_given(judged)
     return tuple(
         Traces(

@@ -153,13 +153,7 @@ def independent_samples(left: Series) -> float:
 
 
 class ForceRegression:
-    """Least squares of laws along measured motions.
-
-    Parameters
-    ----------
-    kinds
-        Catalogue of effects by name.
-    """
+    """Least squares of laws along measured motions."""
 
     def __init__(
         self,
@@ -562,8 +556,6 @@ def applicable_kinds(kinds: Mapping[str, Kind], description: Description) -> lis
 
     Parameters
     ----------
-    kinds
-        Catalogue of effects by name.
     description
         Model of the campaign: laws of angles need one of angles.
     """

@@ -80,7 +80,7 @@ class ForceModel:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Comparison:
+class LawComparison:
     """Models that were compared.
 
     Parameters
@@ -106,8 +106,6 @@ class Comparison:
         excess
             Mean square on held-out records over that of cross-validation, by which evidence
             is divided.
-        kinds
-            Catalogue of effects by name.
 
         Returns
         -------
@@ -176,14 +174,8 @@ def compare(
     description: Description,
     kinds: Mapping[str, Kind],
     monitor: Monitor,
-) -> Comparison:
-    """Fit laws alone and in pairs, and cross-validate the likeliest.
-
-    Parameters
-    ----------
-    kinds
-        Catalogue of effects by name.
-    """
+) -> LawComparison:
+    """Fit laws alone and in pairs, and cross-validate the likeliest."""
     selection = _Selection(regression, kinds)
     bare = selection.validated(regression.bare())
     assert bare is not None
@@ -207,7 +199,7 @@ def compare(
     return _compared([bare, *singles, *pairs])
 
 
-def _compared(models: Sequence[ForceModel]) -> Comparison:
+def _compared(models: Sequence[ForceModel]) -> LawComparison:
     best = min(models, key=lambda one: one.rms)
     count = independent_samples(best.validated)
     scores = [log_evidence(one.fit, one.rms, count) for one in models]
@@ -218,7 +210,7 @@ def _compared(models: Sequence[ForceModel]) -> Comparison:
         clear = scores[i] - scores[parent] >= LIMITS.least_log_evidence
         clear = clear and one.rms <= (1 - MIN_GAIN) * models[parent].rms
         parents.append(i if clear else parent)
-    return Comparison(tuple(models), tuple(scores), tuple(parents), count)
+    return LawComparison(tuple(models), tuple(scores), tuple(parents), count)
 
 
 class _Selection:

@@ -3,7 +3,7 @@
 from .character import Character, characterise
 from .linear_response import ForceSource, LinearModel
 from .measured_motion import measured_motion
-from .pair_ranking import likely_pairs
+from .pair_ranking import NodePair, likely_pairs
 from .places import PLACE_MARGIN, LatentForce, Localization, PlaceGroup
 from .ranking import likeliest_places, locate
 
@@ -14,6 +14,7 @@ __all__ = [
     "LatentForce",
     "LinearModel",
     "Localization",
+    "NodePair",
     "PlaceGroup",
     "characterise",
     "likeliest_places",

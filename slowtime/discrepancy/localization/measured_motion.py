@@ -23,7 +23,7 @@ from jaxtyping import Complex, Float
 from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.records import Trial
 
-from .latent_force import Explanation, LatentForceSolver, TrialForce
+from .latent_force import RIDGE, Explanation, LatentForceSolver, TrialForce
 from .linear_response import ForceSource
 from .perturbed_reference import MotionSpectra, PerturbedReference
 from .places import Localization, PlaceGroup
@@ -32,9 +32,6 @@ from .ranking import linear_names, linearise
 EM_STEPS = 12
 """[steps] Of expectation maximisation. Source: judgement; variances are only weights where
 sensors hear the forces well."""
-RIDGE = 1e-9
-"""[1] Added to the diagonal of scaled normal equations. Source: well above double precision,
-well below what a prior adds."""
 
 MIN_SIGNAL_SHARE = 1e-12
 """[share of the greatest response] Up to which a force is not heard, as by accelerometers at 0.

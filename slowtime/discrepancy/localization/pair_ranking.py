@@ -39,7 +39,8 @@ from .perturbed_reference import PerturbedReference
 from .ranking import linearise
 from .spectral_lines import TrialLines
 
-Pair = tuple[str, str]
+NodePair = tuple[str, str]
+"""Names of two points."""
 ORDERS = 3
 """[derivatives] Spring, damper, mass. Source: the terms of an equation of motion."""
 MOST_PROFILES = 60
@@ -56,8 +57,8 @@ them. Source: square root of double precision, with margin."""
 
 
 def likely_pairs(
-    fit: Fit, trials: Sequence[Trial], pairs: Sequence[Pair], most: int
-) -> list[Pair]:
+    fit: Fit, trials: Sequence[Trial], pairs: Sequence[NodePair], most: int
+) -> list[NodePair]:
     """Choose the pairs of points between which something is likeliest missing.
 
     Those that gain most alone, by a link of any size and by a small one, and those that gain
@@ -90,7 +91,7 @@ def _falling(gains: Float[np.ndarray, " pair"]) -> list[int]:
 class PairScreening:
     """Products of what pairs of points may add with each other and with the residual."""
 
-    def __init__(self, solver: LatentForceSolver, pairs: Sequence[Pair]) -> None:
+    def __init__(self, solver: LatentForceSolver, pairs: Sequence[NodePair]) -> None:
         names = sorted({end for pair in pairs for end in pair})
         self._ends = np.array([[names.index(end) for end in pair] for pair in pairs])
         self._seen = [

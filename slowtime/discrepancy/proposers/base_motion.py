@@ -15,7 +15,7 @@ from slowtime.discrepancy.localization import (
     Localization,
     characterise,
 )
-from slowtime.discrepancy.quoting import sentence_of, unit_at
+from slowtime.discrepancy.quoting import quoted, unit_at
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.channels import BASE_KINDS
@@ -96,15 +96,9 @@ def base_motion(
     assert kind.strength is not None
     unit = unit_at(located.linear.description, place, kind.parameter(kind.strength).unit)
     size = _size(located, place, unit)
-    numbers = {kind.strength: size}
-    return NamedEffect(
-        effect=Effect(kind.name, place, {kind.strength: size.value}),
-        family=kind.family,
-        numbers=numbers,
-        probability=float(1 / (1 + math.exp(-min(LIMITS.evidence_power * lead, 50.0)))),
-        rivals=(),
-        sentence=sentence_of(kind, place, numbers),
-    )
+    probability = float(1 / (1 + math.exp(-min(LIMITS.evidence_power * lead, 50.0))))
+    effect = Effect(kind.name, place, {kind.strength: size.value})
+    return quoted(effect, {kind.strength: size}, kind, probability)
 
 
 def _size(located: Localization, place: Place, unit: str) -> Number:

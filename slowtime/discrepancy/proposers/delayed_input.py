@@ -1,11 +1,9 @@
 """Proposer: clocks of sensors that are off, and laws that only a late input hides."""
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
-import numpy as np
-
-from slowtime.discrepancy.calibration import Fit, FitControl
+from slowtime.discrepancy.calibration import Fit, FitControl, attempt
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
 from slowtime.discrepancy.candidates.library_fit import Candidate, label_of, library_candidates
 from slowtime.discrepancy.estimation.candidate_fit import (
@@ -15,8 +13,9 @@ from slowtime.discrepancy.estimation.candidate_fit import (
 )
 from slowtime.discrepancy.estimation.model_evidence import FittedCandidate, fitted_effect
 from slowtime.discrepancy.localization import locate
+from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
-from slowtime.dynamics.effects import Effect, Place
+from slowtime.dynamics.effects import Effect, Kind, Place
 
 from .protocol import Proposal, Round
 
@@ -105,16 +104,19 @@ def pairs_with_delayed_input(given: Round) -> Iterator[tuple[Candidate, Candidat
         if named is None:
             continue
         delay = fitted_effect(named)
-        try:
-            held = refit_within_tolerances(named.fit, trials)
-            seen = library_candidates(held, locate(held, trials), kinds)
-        except (np.linalg.LinAlgError, FloatingPointError):
-            continue
-        for law in seen[:LAWS_PER_INPUT]:
+        for law in (attempt(_laws_beside, named.fit, trials, kinds) or [])[:LAWS_PER_INPUT]:
             if law.cost < EXPLAINED_SHARE * law.cost_without and label_of(
                 law.effect
             ) != label_of(delay):
                 yield Candidate(delay, law.cost, law.score, law.cost_without), law
+
+
+def _laws_beside(
+    fit: Fit, trials: tuple[Trial, ...], kinds: Mapping[str, Kind]
+) -> list[Candidate]:
+    """Give laws of the force that a fit leaves, the best first."""
+    held = refit_within_tolerances(fit, trials)
+    return library_candidates(held, locate(held, trials), kinds)
 
 
 def _opaque(tried: Sequence[Candidate]) -> bool:

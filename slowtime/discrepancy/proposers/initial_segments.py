@@ -10,9 +10,13 @@ leave least are tried on the whole.
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
-import numpy as np
-
-from slowtime.discrepancy.calibration import Fit, FitAbandoned, FitControl, first_periods, refit
+from slowtime.discrepancy.calibration import (
+    Fit,
+    FitControl,
+    first_periods,
+    refit,
+    try_refit,
+)
 from slowtime.discrepancy.calibration.augmentation import (
     augmented_start,
     fitted_effects,
@@ -133,11 +137,7 @@ def _fitted(
     late: Callable[[], bool],
 ) -> Fit | None:
     plant, values, states = augmented_start(before, effect, kinds)
-    try:
-        fit = refit(
-            plant, heads, noise=before.noise, values=values, states=states,
-            horizons=SEGMENT_HORIZONS, control=FitControl(cost_to_beat=beat, is_late=late),
-        )  # fmt: skip
-    except (np.linalg.LinAlgError, FloatingPointError, FitAbandoned):
-        return None
-    return fit if math.isfinite(fit.cost) else None
+    return try_refit(
+        plant, heads, noise=before.noise, values=values, states=states,
+        horizons=SEGMENT_HORIZONS, control=FitControl(cost_to_beat=beat, is_late=late),
+    )  # fmt: skip

@@ -5,9 +5,7 @@ import itertools
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
-import numpy as np
-
-from slowtime.discrepancy.calibration import Fit, FitControl, refit
+from slowtime.discrepancy.calibration import Fit, FitControl, attempt, try_refit
 from slowtime.discrepancy.calibration.augmentation import carry_effect
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.candidates.law_pairs import law_pairs
@@ -46,7 +44,7 @@ NEAR_PAIR_SHARE = 0.1
 where it ended. Source: docs/decisions/0030 for the rule; docs/what_decides.md for the value:
 half and double change no answer."""
 
-Pair = tuple[Candidate, Candidate]
+LawPair = tuple[Candidate, Candidate]
 PairLabel = frozenset[Label]
 
 
@@ -65,7 +63,7 @@ class JointPairs:
     stated: tuple[Hold, ...] | None
     asked: Sequence[tuple[Hold, ...] | None]
 
-    def of_round(self, given: Round, done: Collection[PairLabel]) -> list[Pair]:
+    def of_round(self, given: Round, done: Collection[PairLabel]) -> list[LawPair]:
         """Give pairs of one force first, then those of which each explains something alone.
 
         None while what was fitted explains all.
@@ -90,7 +88,7 @@ class JointPairs:
         return pairs
 
     def __call__(
-        self, given: Round, pairs: Sequence[Pair], reached: float
+        self, given: Round, pairs: Sequence[LawPair], reached: float
     ) -> SearchStep | None:
         """Fit pairs; give the hypothesis with the best that leaves nothing.
 
@@ -153,11 +151,6 @@ def without_imitations(
     """Leave out pairs that do by more numbers what another pair does at the same places.
 
     A jump of stiffness before the records begin is a spring.
-
-    Parameters
-    ----------
-    kinds
-        Catalogue of effects by name.
     """
 
     def effects(pair: tuple[Candidate, FittedCandidate]) -> tuple[Effect, Effect]:
@@ -177,12 +170,12 @@ def without_imitations(
     return [one for one in good if not any(imitates(one, other) for other in good)]
 
 
-def label_of_pair(pair: Pair) -> PairLabel:
+def label_of_pair(pair: LawPair) -> PairLabel:
     """Give two effects without their numbers, in any order."""
     return frozenset(label_of(one.effect) for one in pair)
 
 
-def _not_done(pairs: Iterable[Pair], done: Collection[PairLabel]) -> Iterator[Pair]:
+def _not_done(pairs: Iterable[LawPair], done: Collection[PairLabel]) -> Iterator[LawPair]:
     """Give each pair once, but those that were fitted already."""
     known = set(done)
     for pair in pairs:
@@ -220,18 +213,19 @@ def _fitted_on(
 
     One that is right ends a moment beside that.
     """
-    fit = both.fit
-    try:
-        fit = refit(fit.plant, trials, values=fit.values, states=fit.states, horizons=(1.0,))
-        fit = refine_switching_instant(fit, trials, kinds, None, math.inf)
-    except (np.linalg.LinAlgError, FloatingPointError):
+    fit = try_refit(
+        both.fit.plant, trials, values=both.fit.values, states=both.fit.states, horizons=(1.0,)
+    )
+    if fit is not None:
+        fit = attempt(refine_switching_instant, fit, trials, kinds, None, math.inf)
+    if fit is None:
         return both
     return dataclasses.replace(both, fit=fit, score=evidence(fit, kinds))
 
 
 def _pairs_of_fitted(
     fitted: Sequence[FittedCandidate], bare: Fit, kinds: Mapping[str, Kind]
-) -> Iterator[Pair]:
+) -> Iterator[LawPair]:
     """Give laws two by two that each explain something alone, the best first.
 
     None that may be pieces of one curve: any curve has such.

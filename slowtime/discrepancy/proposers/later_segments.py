@@ -9,10 +9,10 @@ import dataclasses
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 
-import numpy as np
 from scipy.fft import prev_fast_len
 
 from slowtime.discrepancy.calibration import (
+    BREAKDOWNS,
     WRONG_MODEL_CHI2,
     Fit,
     FitAbandoned,
@@ -74,6 +74,6 @@ def later_segment_candidates(
                 others = (one for one in along if label_of(one.effect) not in done)
                 both = sorted([*opened, *others], key=lambda one: one.cost)
                 return held, [dataclasses.replace(one, start=None) for one in both]
-        except (np.linalg.LinAlgError, FloatingPointError, FitAbandoned):
+        except (*BREAKDOWNS, FitAbandoned):
             break
     return before, []

@@ -1,16 +1,15 @@
 """Proposer: pairs of laws that the measured motion tells, where no law alone explains much."""
 
-import numpy as np
-
+from slowtime.discrepancy.calibration import attempt
 from slowtime.discrepancy.candidates.measured_pairs import measured_pairs
 from slowtime.discrepancy.localization import measured_motion
 from slowtime.discrepancy.thresholds import LIMITS
 
-from .joint_pairs import Pair
+from .joint_pairs import LawPair
 from .protocol import Round, reached_by_shortlist
 
 
-def pairs_along_measured_motion(given: Round) -> list[Pair]:
+def pairs_along_measured_motion(given: Round) -> list[LawPair]:
     """Give the pairs of laws that explain most, where each law leaves more than one force does.
 
     None where sensors do not tell the motion of all coordinates.
@@ -19,8 +18,7 @@ def pairs_along_measured_motion(given: Round) -> list[Pair]:
     enough = reached_by_shortlist(given.tried) <= LIMITS.several_forces_chi2 * data
     if enough or given.is_late("comparing pairs of laws along the measured motion", 0.05):
         return []
-    try:
-        located = measured_motion(given.before, given.trials)
-        return [] if located is None else measured_pairs(given.before, located, given.kinds)
-    except (np.linalg.LinAlgError, FloatingPointError):
+    located = attempt(measured_motion, given.before, given.trials)
+    if located is None:
         return []
+    return attempt(measured_pairs, given.before, located, given.kinds) or []

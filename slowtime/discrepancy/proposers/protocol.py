@@ -127,6 +127,9 @@ class Round:
 class Proposer(Protocol):
     """Proposes candidates for the missing effect from one kind of evidence.
 
+    One that raises `numpy.linalg.LinAlgError` or `FloatingPointError` is named in a note of the
+    diagnosis, and the others are asked all the same.
+
     Parameters
     ----------
     name

@@ -17,9 +17,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import numpy as np
 
 from slowtime.discrepancy.calibration import (
+    BREAKDOWNS,
     Fit,
     FitAbandoned,
     FitControl,
+    attempt,
     cut_segments,
     initial_states_of_records,
     shooting_fit,
@@ -131,9 +133,7 @@ class Segments:
         if late():
             return nothing
         search = _SegmentSearch(given, late, self.shoot)
-        told: list[Candidate] = []
-        with contextlib.suppress(np.linalg.LinAlgError, FloatingPointError, FitAbandoned):
-            told = search.best()
+        told = attempt(search.best)
         if not told:
             return dataclasses.replace(nothing, only=self.only)
         reach = reached_by_shortlist(given.shortlist)
@@ -279,7 +279,7 @@ class _SegmentSearch:
         compared: list[Comparison] = []
         control = FitControl(cost_to_beat=cost_to_beat, is_late=self.is_late, compared=compared)
         fit = None
-        with contextlib.suppress(np.linalg.LinAlgError, FloatingPointError):
+        with contextlib.suppress(*BREAKDOWNS):
             fit = self._shot(effect, parts, control)
         return Attempt(fit, tuple(compared))
 

@@ -9,7 +9,7 @@ import numpy as np
 from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.diagnosis import NamedEffect, Number
 from slowtime.discrepancy.localization import Localization
-from slowtime.discrepancy.quoting import sentence_of, unit_at
+from slowtime.discrepancy.quoting import quoted, unit_at
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.description import assemble
@@ -75,8 +75,6 @@ def drifting(
     ----------
     before
         Fit whose residual is the error of the sensor, in its unit.
-    kinds
-        Catalogue of effects by name.
 
     Returns
     -------
@@ -101,14 +99,7 @@ def drifting(
     numbers = {name: Number(size, spread, unit)}
     if steady:
         numbers["span_s"] = Number(float(spans[0]), 0.0, "s")
-    return NamedEffect(
-        effect=Effect(KIND, place, {name: size}),
-        family=kind.family,
-        numbers=numbers,
-        probability=0.95,
-        rivals=(),
-        sentence=sentence_of(kind, place, numbers),
-    )
+    return quoted(Effect(KIND, place, {name: size}), numbers, kind, 0.95)
 
 
 def _rate(left: np.ndarray, used: np.ndarray, rate_hz: float) -> float:

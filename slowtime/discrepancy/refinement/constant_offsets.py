@@ -23,7 +23,7 @@ from slowtime.discrepancy.calibration.augmentation import fitted_effects
 from slowtime.discrepancy.candidates.library_fit import OFFSET
 from slowtime.discrepancy.diagnosis import NamedEffect, Number
 from slowtime.discrepancy.noise import has_rigid_motion
-from slowtime.discrepancy.quoting import OF_SENSOR, numbers_of, sentence_of, unit_at
+from slowtime.discrepancy.quoting import OF_SENSOR, numbers_of, quoted, unit_at
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Effect, Kind
@@ -58,8 +58,6 @@ def with_offsets(
 
     Parameters
     ----------
-    kinds
-        Catalogue of effects by name.
     decays
         Whether the records are free decays.
     by_record
@@ -88,8 +86,6 @@ def refit_with_offsets(
 
     Parameters
     ----------
-    kinds
-        Catalogue of effects by name.
     decays
         Whether the records are free decays.
     """
@@ -165,13 +161,7 @@ def _of_sensors(
 def offsets(
     fit: Fit, trials: Sequence[Trial], given: Description, kinds: Mapping[str, Kind]
 ) -> list[NamedEffect]:
-    """List the offsets added to the given model that differ significantly from zero.
-
-    Parameters
-    ----------
-    kinds
-        Catalogue of effects by name.
-    """
+    """List the offsets added to the given model that differ significantly from zero."""
     found = []
     for number, effect in enumerate(fitted_effects(fit)):
         if number < len(given.effects):
@@ -184,17 +174,7 @@ def offsets(
         numbers = numbers_of(fit, number)
         if abs(numbers["bias"].value) <= REPORTED_SDS * numbers["bias"].sd:
             continue
-        kind = kinds[effect.kind]
-        found.append(
-            NamedEffect(
-                effect=effect,
-                family=kind.family,
-                numbers=numbers,
-                probability=0.99,
-                rivals=(),
-                sentence=sentence_of(kind, effect.place, numbers),
-            )
-        )
+        found.append(quoted(effect, numbers, kinds[effect.kind], 0.99))
     return found
 
 

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import numpy as np
 
 from slowtime.discrepancy.calibration import (
+    BREAKDOWNS,
     WRONG_MODEL_CHI2,
     Fit,
     FitAbandoned,
@@ -91,7 +92,7 @@ def converge_stick_slip(
                 control=FitControl(to_convergence=True, is_late=late),
             )  # fmt: skip
             ends.append(best)
-    except (np.linalg.LinAlgError, FloatingPointError, FitAbandoned):
+    except (*BREAKDOWNS, FitAbandoned):
         pass
     off = np.array([end.values - best.values for end in ends])[:, list(best.prior.index)]
     share = np.exp(np.minimum([best.cost - end.cost for end in ends], 0.0) / 2)

@@ -7,9 +7,7 @@ have nothing left to explain, and its parameters are not those of the model that
 import dataclasses
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
-from slowtime.discrepancy.calibration import WRONG_MODEL_CHI2, Fit, refit
+from slowtime.discrepancy.calibration import WRONG_MODEL_CHI2, Fit, refit, try_refit
 from slowtime.discrepancy.calibration.augmentation import (
     carry_effect,
     described_effects,
@@ -23,7 +21,7 @@ from slowtime.discrepancy.estimation.significance import sds_of_strength
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.quoting import requote_all
 from slowtime.discrepancy.records import Trial
-from slowtime.discrepancy.selection.probabilities import doubts_about
+from slowtime.discrepancy.selection.probabilities import first_doubts
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Kind, Unmeasured
 
@@ -46,9 +44,7 @@ def eliminate_needless(
         found = found.with_effects(*eliminate(found.fits, found.effects, trials, kinds))
     gone = before - {(one.effect.kind, one.effect.place) for one in found.effects}
     if any((rival.effect, rival.place) in gone for rival in found.undecided[:1]):
-        left = (doubts_about(one) for one in found.effects)
-        undecided = next((rivals for rivals in left if rivals), ())
-        found = dataclasses.replace(found, undecided=undecided, pair=None)
+        found = dataclasses.replace(found, undecided=first_doubts(found.effects), pair=None)
     return found
 
 
@@ -66,7 +62,6 @@ def eliminate(
         Of the nominal model, and after each effect.
     answers
         One for each effect, in order.
-
     """
     chain, kept = list(fits), list(answers)
     if len(kept) < 2 or any(isinstance(kinds[a.effect.kind].action, Unmeasured) for a in kept):
@@ -103,14 +98,11 @@ def _lost(less: Fit, more: Fit, number: int, kinds: Mapping[str, Kind]) -> bool:
 
 def _regrown(fit: Fit, trials: tuple[Trial, ...]) -> Fit:
     """Fit a model to ever longer parts of the records; the better of both."""
-    try:
-        again = refit(
-            fit.plant, trials, noise=fit.noise, values=fit.values, states=fit.states,
-            horizons=GROWING_HORIZONS,
-        )  # fmt: skip
-    except (np.linalg.LinAlgError, FloatingPointError):
-        return fit
-    return again if again.cost < fit.cost else fit
+    again = try_refit(
+        fit.plant, trials, noise=fit.noise, values=fit.values, states=fit.states,
+        horizons=GROWING_HORIZONS,
+    )  # fmt: skip
+    return fit if again is None or again.cost >= fit.cost else again
 
 
 def _gain(more: Fit, less: Fit, trials: tuple[Trial, ...], kinds: Mapping[str, Kind]) -> float:

@@ -81,14 +81,10 @@ def relearn_force(
         last.plant, trials, values=begun, states=states, horizons=COARSE_HORIZONS,
         control=FitControl(is_late=lambda: tell.is_late),
     )  # fmt: skip
-    least = unexplained_by(last) - MIN_LOG_POWER_GAIN * _channels(last)
+    least = unexplained_by(last) - MIN_LOG_POWER_GAIN * sum(r.shape[1] for r in last.residual)
     if again is None or unexplained_by(again) > least:
         return hypothesis
     return hypothesis.with_last(again, kinds)
-
-
-def _channels(fit: Fit) -> int:
-    return sum(residual.shape[1] for residual in fit.residual)
 
 
 def _incomplete_law(

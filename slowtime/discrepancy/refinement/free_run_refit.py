@@ -34,7 +34,7 @@ from jaxtyping import Bool
 from slowtime.discrepancy.calibration import WRONG_MODEL_CHI2, Fit, FitControl, try_refit
 from slowtime.discrepancy.noise import Colour, Noise
 from slowtime.discrepancy.records import MIN_SAMPLES, Trial
-from slowtime.discrepancy.validation.free_run import free_runs, relative_errors
+from slowtime.discrepancy.validation.free_run import free_runs, heads_of, relative_errors
 from slowtime.dynamics.work import metered
 
 PIECES = 4
@@ -203,11 +203,8 @@ def refit_plainly(
 
 def refit_plainly_on_heads(fit: Fit, trials: Sequence[Trial]) -> Fit:
     """Refit in the same way to all but the tails of records; the given fit where that fails."""
-    ends = [len(trial.outputs) * 2 // 3 for trial in trials]
-    if min(ends) < MIN_SAMPLES:
-        return fit
-    heads = [trial.part(0, end) for trial, end in zip(trials, ends, strict=True)]
-    return refit_plainly(fit, heads, trials) or fit
+    heads = heads_of(trials)
+    return (refit_plainly(fit, heads, trials) if heads else None) or fit
 
 
 def plain_weights(fit: Fit, records: Sequence[Trial]) -> Noise:

@@ -11,7 +11,6 @@ import numpy as np
 
 from slowtime.discrepancy.calibration.augmentation import carry_effect, described_effects
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
-from slowtime.discrepancy.data.screening import screen
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.records import Campaign
 from slowtime.discrepancy.thresholds import LIMITS
@@ -40,9 +39,7 @@ def drop_harmful_effects(hypothesis: Hypothesis, campaign: Campaign) -> Hypothes
     kinds = last.plant.kinds
     if hypothesis.effects and not (np.any(own) or _moves_nothing(hypothesis, kinds)):
         return hypothesis
-    tests = evaluation_trials(
-        hypothesis.trials, tuple(screen(trial).trial for trial in campaign.holdout)
-    )
+    tests = evaluation_trials(hypothesis.trials, campaign.holdout)
     given = dataclasses.replace(first, values=first.plant.values)
     bar = MAX_ERROR_RATIO * float(
         evaluate_free_run(campaign.description, given, tests).error.mean()

@@ -6,11 +6,9 @@ others, and over how records begin, it finds back to what it is.
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
 from slowtime.discrepancy.calibration import (
     WRONG_MODEL_CHI2,
-    FitAbandoned,
+    attempt,
     first_periods,
     try_refit,
 )
@@ -55,9 +53,8 @@ def _continued(
     whole = hypothesis.last_fits_whole_records and hypothesis.holds is None
     if not whole or hypothesis.final:
         return hypothesis
-    try:
-        start = refit_initial_states(last, first_periods(last.plant, trials))
-    except (np.linalg.LinAlgError, FloatingPointError, FitAbandoned):
+    start = attempt(refit_initial_states, last, first_periods(last.plant, trials))
+    if start is None:
         return hypothesis
     again = try_refit(
         last.plant, trials, values=last.values, states=start.states, horizons=horizons

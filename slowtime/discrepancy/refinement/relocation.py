@@ -11,7 +11,12 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.discrepancy.calibration import Fit, FitAbandoned, FitControl, refit
+from slowtime.discrepancy.calibration import (
+    Fit,
+    FitControl,
+    attempt,
+    try_refit,
+)
 from slowtime.discrepancy.calibration.augmentation import map_states, simulated_chi2
 from slowtime.discrepancy.candidates.library_fit import is_applicable
 from slowtime.discrepancy.estimation.candidate_fit import COARSE_HORIZONS
@@ -19,7 +24,7 @@ from slowtime.discrepancy.estimation.switching_instant import refine_switching_i
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.quoting import requote_all
-from slowtime.discrepancy.selection.probabilities import doubts_about
+from slowtime.discrepancy.selection.probabilities import first_doubts
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Kind, Place
 from slowtime.dynamics.plant import Plant
@@ -59,7 +64,7 @@ def relocate(hypothesis: Hypothesis, kinds: Mapping[str, Kind], tell: Monitor) -
     effects[which] = dataclasses.replace(effects[which], rivals=())  # of the place it had
     return dataclasses.replace(
         hypothesis.with_effects(fits, effects),
-        undecided=next((doubt for a in effects if (doubt := doubts_about(a))), ()),
+        undecided=first_doubts(effects),
         pair=None,
         constants_suffice=False,
         exhausted=exhausted,
@@ -111,15 +116,14 @@ def _with(
         _as_strong(plant, last, at, kinds[str(entry["effect"])]),
         key=lambda values: simulated_chi2(plant, values, states, last.noise, trials),
     )
-    try:
-        other = refit(
-            plant, trials, noise=last.noise, values=values, states=states,
-            horizons=COARSE_HORIZONS, control=FitControl(cost_to_beat=fit.cost, is_late=late),
-        )  # fmt: skip
-        other = refine_switching_instant(other, trials, kinds, fit.cost, np.inf, at)
-    except (np.linalg.LinAlgError, FloatingPointError, FitAbandoned):
+    other = try_refit(
+        plant, trials, noise=last.noise, values=values, states=states,
+        horizons=COARSE_HORIZONS, control=FitControl(cost_to_beat=fit.cost, is_late=late),
+    )  # fmt: skip
+    if other is None:
         return None
-    return other if np.isfinite(other.cost) else None
+    other = attempt(refine_switching_instant, other, trials, kinds, fit.cost, np.inf, at)
+    return other if other is not None and np.isfinite(other.cost) else None
 
 
 def _as_strong(

@@ -8,23 +8,28 @@ and is looked for as one is.
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 
-import numpy as np
-
+from slowtime.discrepancy.calibration import Fit, attempt
 from slowtime.discrepancy.calibration.augmentation import fitted_effects, refit_without
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
-from slowtime.discrepancy.candidates.library_fit import Label, label_of, library_candidates
+from slowtime.discrepancy.candidates.library_fit import (
+    Candidate,
+    Label,
+    label_of,
+    library_candidates,
+)
 from slowtime.discrepancy.estimation.candidate_fit import best_of_each_place, fit_candidates
 from slowtime.discrepancy.estimation.input_hold import Hold
 from slowtime.discrepancy.estimation.model_evidence import fitted_effect
 from slowtime.discrepancy.estimation.significance import sds_of_strength
 from slowtime.discrepancy.hypothesis import Hypothesis
-from slowtime.discrepancy.localization import locate
+from slowtime.discrepancy.localization import Localization, locate
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.quoting import moved_of
+from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.selection.acceptance import Terms, accept, is_second_curve
 from slowtime.discrepancy.selection.comparison import better, explains_all
-from slowtime.discrepancy.selection.probabilities import doubts_about
+from slowtime.discrepancy.selection.probabilities import first_doubts
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.effects import Effect, Kind, general_kinds
 
@@ -156,6 +161,18 @@ def _in_turn(hypothesis: Hypothesis, weak: Sequence[int]) -> Iterator[int]:
     )
 
 
+def _candidates_beside(
+    less: Fit,
+    trials: tuple[Trial, ...],
+    kinds: Mapping[str, Kind],
+    among: Sequence[Kind] | None,
+) -> tuple[Fit, Localization, list[Candidate]]:
+    """Give the fit within tolerances, where a force is missing from it, and laws of that."""
+    before = refit_within_tolerances(less, trials)
+    located = locate(before, trials)
+    return before, located, library_candidates(before, located, kinds, among)
+
+
 def _searched_again(
     hypothesis: Hypothesis,
     number: int,
@@ -179,17 +196,15 @@ def _searched_again(
     if less is None:
         return None
     others = [a for i, a in enumerate(hypothesis.effects) if i != number]
-    try:
-        before = refit_within_tolerances(less, trials)
-        located = locate(before, trials)
-        tried = library_candidates(before, located, kinds, among)
-    except (np.linalg.LinAlgError, FloatingPointError):
+    told = attempt(_candidates_beside, less, trials, kinds, among)
+    if told is None:
         return None
+    before, located, tried = told
     branch = dataclasses.replace(
         hypothesis,
         fits=(hypothesis.first, *left_out(hypothesis.fits, number, less, trials, kinds)),
         effects=tuple(others),
-        undecided=next((doubt for a in others if (doubt := doubts_about(a))), ()),
+        undecided=first_doubts(others),
         pair=None,
         constants_suffice=False,
         rest=located,
@@ -203,13 +218,13 @@ def _searched_again(
     # What was fitted counts for as good as the best, until it is so again.
     again = [dataclasses.replace(beside[0], effect=e, start=None) for e in _fitted(hypothesis)]
     own_label = dataclasses.replace(beside[0], effect=known, start=None)
-    labels = {label_of(one.effect): one for one in reversed([own_label, *beside, *again])}
+    candidates = {label_of(one.effect): one for one in reversed([own_label, *beside, *again])}
 
     def tick(effect: Effect, _: int) -> bool:
         tell(f"refitting {effect.kind} at {effect.place}", 0.86)
         return tell.is_over
 
-    fitted = fit_candidates(before, list(reversed(labels.values())), trials, kinds, tick)
+    fitted = fit_candidates(before, list(reversed(candidates.values())), trials, kinds, tick)
     step = accept(
         branch, before, fitted, trials, kinds, Terms(stated=stated, pulled=bool(moved_of(less)))
     )

@@ -1,170 +1,71 @@
-"""Assembly of the diagnosis: verdict, sentences, the gap on what was not fitted, pictures."""
+"""Assembly of the diagnosis: verdict and words from what a likelihood says of a campaign."""
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
-from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.data.screening import Finding
-from slowtime.discrepancy.diagnosis import (
-    Diagnosis,
-    Gap,
-    GapStep,
-    NamedEffect,
-    Surface,
-    Suspect,
-    When,
+from slowtime.discrepancy.diagnosis import Diagnosis, NamedEffect
+from slowtime.discrepancy.selection.probabilities import fault_of
+from slowtime.dynamics.description import Description
+from slowtime.dynamics.effects import Kind, Place
+
+from .outcome import Outcome
+from .sentences import (
+    closing_sentence,
+    contradiction,
+    experiment_sentence,
+    verdict_and_sentence,
 )
-from slowtime.discrepancy.estimation.input_hold import saying_holds
-from slowtime.discrepancy.experiment_design.proposal import propose_experiment
-from slowtime.discrepancy.hypothesis import Hypothesis
-from slowtime.discrepancy.localization import Localization, characterise
-from slowtime.discrepancy.progress import Monitor
-from slowtime.discrepancy.records import Campaign, Trial
-from slowtime.discrepancy.refinement.force_surface import AUTO, SurfaceDemand
-from slowtime.discrepancy.thresholds import LIMITS
-from slowtime.discrepancy.validation.free_run import spectra_of, traces_of
-from slowtime.dynamics.effects import Kind, force_along
-
-from .evaluation import Evaluation, described, evaluate
-from .final_model import KeptModel, kept_model, moved_constants, requoted
-from .judgement import judge
-from .likeness import likenesses
-from .notes import notes_of
-from .sentences import closing_sentence, contradiction
-from .surface_cuts import measured_force
 
 
-def report(
-    campaign: Campaign,
-    trials: tuple[Trial, ...],
-    findings: tuple[Finding, ...],
-    found: Hypothesis,
+def assemble(
+    given: Description,
+    outcome: Outcome,
+    findings: Sequence[Finding],
     kinds: Mapping[str, Kind],
-    monitor: Monitor | None = None,
-    *,
-    surface: SurfaceDemand = AUTO,
 ) -> Diagnosis:
-    """Put a diagnosis together: verdict, sentences, error of free runs, and data of plots.
+    """Put a diagnosis together, in the same words for every likelihood.
 
     Parameters
     ----------
-    kinds
-        Catalogue of effects by name.
-    monitor
-        Of the budget; where given, and the effect is unknown, a force surface closes the gap.
-    surface
-        Shape that this is to have.
+    given
+        Model as it was given.
+    findings
+        Of the screening; what is a fault of a channel is named beside the effects.
     """
-    given = campaign.description
-    evaluation = evaluate(campaign, trials, found, kinds)
-    judged = judge(given, found, evaluation, findings, kinds)
-    kept = kept_model(judged, evaluation, trials, kinds, monitor, surface)
-    judged = requoted(judged, kept, given, evaluation, kinds)
-    found, verdict, sentence = judged.found, judged.verdict, judged.sentence
-    closed = kept.closed
-    like = [] if closed is None else likenesses(closed.fit, closed.place, found, kinds)
-    last, located = kept.fit if judged.unknown else found.last, found.localized
-    assert located is not None
-    doubted = bool(found.pair) and not judged.unknown
-    experiment = propose_experiment(found.pair or (), trials, kinds) if doubted else None
-    if experiment is not None:
-        sentence += f" Experiment that would decide: {experiment.sentence}"
-    sentence += contradiction(verdict, kept.result, evaluation)
-    white_p_value = chi2_p_value(last)
-    named = found.effects or judged.unknown
+    faults = [a for f in findings if (a := fault_of(f, given, kinds)) is not None]
+    answers = _once([*outcome.effects, *faults])
+    verdict, sentence = verdict_and_sentence(outcome, answers, kinds)
+    sentence += experiment_sentence(verdict, outcome.experiment)
+    sentence += contradiction(verdict, outcome.gap)
     return Diagnosis(
         verdict=verdict,
-        sentence=sentence + closing_sentence(kept.result, evaluation),
-        effects=judged.answers,
-        undecided=found.undecided if verdict == "undecided" else (),
-        experiment=experiment,
-        nothing_probability=_nothing(found, located),
-        moved=moved_constants(kept, given),
-        where=_suspects(located),
-        when=_when(located, given.unit_of_coordinate) if found.effects else When((), (), ""),
-        findings=findings,
-        gap=_gap(() if judged.unknown else found.effects, evaluation, kept),
-        chi2_per_datum=last.chi2_per_datum,
-        residual_white=white_p_value > LIMITS.white_p_value,
-        white_p_value=white_p_value,
+        sentence=sentence + closing_sentence(outcome.gap, outcome.measure),
+        effects=tuple(answers),
+        undecided=tuple(outcome.undecided) if verdict == "undecided" else (),
+        experiment=outcome.experiment,
+        nothing_probability=outcome.nothing_probability,
+        moved=outcome.moved,
+        where=outcome.where,
+        when=outcome.when,
+        findings=tuple(findings),
+        gap=outcome.gap,
+        chi2_per_datum=outcome.chi2_per_datum,
+        residual_white=outcome.residual_white,
+        white_p_value=outcome.white_p_value,
         nominal=given,
-        refitted=described(found.first),
-        augmented=given if kept.useless else saying_holds(described(kept.fit)),
-        traces=traces_of(
-            evaluation.tests, evaluation.nominal.runs, evaluation.steps[0].runs,
-            kept.result.runs,
-        ),
-        spectra=spectra_of(
-            evaluation.tests, evaluation.steps[0].runs, kept.result.runs, evaluation.noise
-        ),
-        surface=_surface(found, kinds, unknown=judged.unknown) if named else None,
-        notes=notes_of(given, judged, kept, evaluation, kinds, like),
-        measured_force=None if closed is None else measured_force(closed, like, found, kinds),
-    )  # fmt: skip
-
-
-def _nothing(found: Hypothesis, located: Localization) -> float:
-    if found.effects:
-        return float(np.exp(-max(located.groups[0].score, 0.0)))
-    return 1.0 - min(0.5, max(0.0, 1e-3 - located.p_value))
-
-
-def _suspects(located: Localization) -> tuple[Suspect, ...]:
-    return tuple(
-        Suspect(place, g.score, g.p_value, g.share)
-        for g in located.groups
-        for place in g.places
+        refitted=outcome.refitted,
+        augmented=outcome.augmented,
+        traces=outcome.traces,
+        spectra=outcome.spectra,
+        surface=outcome.surface,
+        notes=tuple(outcome.notes),
+        measured_force=outcome.measured_force,
     )
 
 
-def _when(located: Localization, coordinate: str) -> When:
-    seen = characterise(located, located.best)
-    motion = "an elongation" if located.best.kind == "element" else "a displacement"
-    return When(
-        seen.times_s, seen.bands_hz, seen.amplitude(motion, coordinate), linear=seen.linear,
-        steady=seen.steady,
-    )  # fmt: skip
-
-
-def _gap(effects: Sequence[NamedEffect], evaluation: Evaluation, kept: KeptModel) -> Gap:
-    refitted, *errors = evaluation.errors
-    steps = [
-        GapStep(answer.effect.kind, answer.effect.place, error)
-        for answer, error in zip(effects, errors, strict=False)
-    ]
-    closed = kept.closed
-    if closed is not None:
-        steps.append(GapStep(closed.fit.plant.effects[-1].kind, closed.place, closed.error))
-    return Gap(
-        nominal=float(evaluation.nominal.error.mean()),
-        refitted_nominal=refitted,
-        steps=tuple(steps),
-        augmented=float(kept.result.error.mean()),
-        noise_floor=evaluation.floor,
-        on="holdout" if evaluation.held_out else "tail",
-        worst=float(kept.result.error.max()),
-    )
-
-
-def _surface(found: Hypothesis, kinds: Mapping[str, Kind], *, unknown: bool) -> Surface | None:
-    """Force at the place of the first effect, or of none, as recovered before any was in."""
-    located, refuted = found.localized, found.refuted_at
-    assert located is not None
-    answers = () if unknown else found.effects
-    place = answers[0].effect.place if answers else refuted or located.best_structural
-    if place.kind not in ("element", "node"):
-        return None
-    latents = [located.latent(place, i) for i in range(len(located.trials))]
-    law = None
-    if answers:
-        kind, parameters = kinds[answers[0].effect.kind], answers[0].effect.parameters
-        law = np.concatenate([force_along(kind, parameters, x.motion) for x in latents])
-    stride = max(sum(len(x.force) for x in latents) // 5000, 1)
-    return Surface(
-        place=place,
-        e=np.concatenate([x.motion.e for x in latents])[::stride],
-        v=np.concatenate([x.motion.v for x in latents])[::stride],
-        force=np.concatenate([x.force for x in latents])[::stride],
-        law=None if law is None else law[::stride],
-    )
+def _once(answers: Sequence[NamedEffect]) -> list[NamedEffect]:
+    """Keep the first answer for each kind and place."""
+    kept: dict[tuple[str, Place], NamedEffect] = {}
+    for answer in answers:
+        kept.setdefault((answer.effect.kind, answer.effect.place), answer)
+    return list(kept.values())

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.calibration.model_values import with_values
 from slowtime.discrepancy.data.clock_overrun import mask_clock_overrun
-from slowtime.discrepancy.data.screening import screen
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.noise import Noise
 from slowtime.discrepancy.records import Campaign, Trial
@@ -64,7 +63,7 @@ def evaluate(
     """Simulate the model as given, refitted, and after each effect, on what was not fitted."""
     given, first, held_out = campaign.description, found.first, bool(campaign.holdout)
     channels = tuple(sensor.channel for sensor in given.sensors)
-    tests = evaluation_trials(trials, tuple(screen(t).trial for t in campaign.holdout))
+    tests = evaluation_trials(trials, campaign.holdout)
     # A fast clock claims samples after the end of the record, which no model can predict.
     tests = mask_clock_overrun(
         tests, channels, (answer.effect for answer in found.effects), kinds

@@ -20,10 +20,8 @@ from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Kind
 
 from .evaluation import Evaluation, described
-from .explanation import nearest_effects
 from .gap_closure import ClosedGap, close_gap
 from .judgement import Judgement
-from .sentences import verdict_and_sentence
 
 NO_SURFACE = (
     "No force surface was fitted: what is missing is an unmeasured motion, not a force in an "
@@ -82,24 +80,19 @@ def kept_model(
     return KeptModel(fit=found.first, result=result, why_open=closed, useless=useless)
 
 
-def requoted(
-    judged: Judgement,
-    kept: KeptModel,
-    given: Description,
-    evaluation: Evaluation,
-    kinds: Mapping[str, Kind],
+def requoted_judgement(
+    judged: Judgement, kept: KeptModel, kinds: Mapping[str, Kind]
 ) -> Judgement:
     """Quote the parameters as the last refit leaves them, the verdict being what it is."""
     if kept.refitted is None:
         return judged
-    effects = requoted_by_place(judged.found.effects, kept.refitted.estimate, kinds)
-    found = dataclasses.replace(judged.found, effects=tuple(effects))
-    answers = requoted_by_place(judged.answers, kept.refitted.estimate, kinds)
-    nearest = nearest_effects(found, evaluation, kinds)
-    _, sentence = verdict_and_sentence(
-        given, found, answers, nearest, kinds, unknown=judged.unknown
+    estimate = kept.refitted.estimate
+    effects = tuple(requoted_by_place(judged.found.effects, estimate, kinds))
+    return dataclasses.replace(
+        judged,
+        found=dataclasses.replace(judged.found, effects=effects),
+        effects=tuple(requoted_by_place(judged.effects, estimate, kinds)),
     )
-    return dataclasses.replace(judged, found=found, answers=tuple(answers), sentence=sentence)
 
 
 def _refitted_to_free_runs(

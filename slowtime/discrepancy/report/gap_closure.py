@@ -5,11 +5,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from slowtime.discrepancy.calibration import Fit, refit
+from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.calibration.model_values import with_values
 from slowtime.discrepancy.estimation.shooting_fit import unexplained_by
 from slowtime.discrepancy.hypothesis import Hypothesis
-from slowtime.discrepancy.records import MIN_SAMPLES, Trial
+from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refinement.force_surface import (
     AUTO,
     ShapedRegression,
@@ -18,7 +18,11 @@ from slowtime.discrepancy.refinement.force_surface import (
     fit_force_surface,
     surface_band,
 )
-from slowtime.discrepancy.validation.free_run import FreeRunResult, evaluate_free_run
+from slowtime.discrepancy.validation.free_run import (
+    FreeRunResult,
+    evaluate_free_run,
+    refit_on_heads,
+)
 from slowtime.dynamics.effects import Kind, Motion, Place
 
 from .likeness import Likeness, describe_likeness
@@ -93,7 +97,7 @@ def close_gap(
             f"A force surface was fitted at {one.place}, but not adopted: with it, the "
             "model leaves more of the training records than without it."
         )
-    fit = one.fit if held_out else _refit_on_heads(one, trials)
+    fit = one.fit if held_out else refit_on_heads(one.fit, trials, one.free)
     values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
     result = evaluate_free_run(with_values(fit.plant.description, values), fit, tests)
     closed = ClosedGap(one.place, one.fit, result, one.finished, one.shaped)
@@ -110,23 +114,6 @@ def close_gap(
 def _explains(one: SurfaceFit, before: Fit) -> bool:
     """Whether a surface leaves less of the training records than the fit without it."""
     return unexplained_by(one.fit) < unexplained_by(before)
-
-
-def _refit_on_heads(one: SurfaceFit, trials: Sequence[Trial]) -> Fit:
-    """Refit the chosen terms to all but the tails of records."""
-    ends = [len(trial.outputs) * 2 // 3 for trial in trials]
-    if min(ends) < MIN_SAMPLES:
-        return one.fit
-    heads = [trial.part(0, end) for trial, end in zip(trials, ends, strict=True)]
-    fit = one.fit
-    try:
-        found = refit(
-            fit.plant, heads, free=one.free, noise=fit.noise, values=fit.values,
-            states=fit.states, horizons=(1.0,),
-        )  # fmt: skip
-    except (np.linalg.LinAlgError, FloatingPointError):
-        return fit
-    return found if np.isfinite(found.cost) else fit
 
 
 def describe_gap_closure(

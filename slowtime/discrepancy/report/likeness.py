@@ -62,8 +62,6 @@ def describe_likeness(like: Sequence[Likeness], kinds: Mapping[str, Kind], unit:
     ----------
     like
         Laws like the surface, the most similar first.
-    kinds
-        Catalogue of effects by name.
     """
     if not like:
         return " It does not resemble any law of the catalogue."

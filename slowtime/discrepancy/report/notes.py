@@ -27,7 +27,7 @@ from .explanation import (
     nearest_effects,
     share_left,
 )
-from .final_model import KeptModel
+from .final_model import KeptModel, moved_constants
 from .gap_closure import describe_gap_closure
 from .judgement import Judgement
 from .likeness import Likeness
@@ -87,7 +87,8 @@ def notes_of(
     if kept.refitted is not None:
         after = float(kept.result.error.mean())
         notes.append(_note_on_refit(kept.refitted, found.last, evaluation.errors[-1], after))
-    if judged.verdict == "nothing_missing":
+    lacks_nothing = not (unknown or found.effects or found.undecided)
+    if lacks_nothing and not moved_constants(kept, given):
         notes += _far(found.last)
     if found.combined and not holds_laws(found):
         notes.append(LITTLE)

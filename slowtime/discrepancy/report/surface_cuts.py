@@ -40,8 +40,6 @@ def measured_force(
         Laws like the surface, the most similar first.
     found
         Whose recovered motion says where the records come.
-    kinds
-        Catalogue of effects by name.
     """
     plant = closed.fit.plant
     own = plant.effects[-1].parameters

@@ -30,8 +30,8 @@ def alternative_starts(
         The fit that the first was added to.
     """
 
-    def refitted(label: Candidate) -> list[FittedCandidate]:
-        return fit_candidates(before, [label], found.trials, kinds, tick)
+    def refitted(candidate: Candidate) -> list[FittedCandidate]:
+        return fit_candidates(before, [candidate], found.trials, kinds, tick)
 
     def tick(effect: Effect, _: int) -> bool:
         tell(f"refitting {effect.kind} at {effect.place}", 0.85)
@@ -45,8 +45,8 @@ def alternative_starts(
             yield known.pop(label_of(effect))
         else:
             own = [c for c in found.tried if label_of(c.effect) == label_of(effect)]
-            label = own[0] if own else Candidate(effect, 0.0, 0.0, 0.0)
-            yield from refitted(label)
+            candidate = own[0] if own else Candidate(effect, 0.0, 0.0, 0.0)
+            yield from refitted(candidate)
     kin = kinds[first.effect.kind].family
     apart = (
         one
@@ -57,7 +57,7 @@ def alternative_starts(
     seen = (*(one.effect for one in found.fitted), *second)
     done = {label_of(effect) for effect in seen}
     down = [c for c in found.tried if label_of(c.effect) not in done][:MAX_LOWER_STARTS]
-    for label in down:
-        for named in refitted(label):
+    for candidate in down:
+        for named in refitted(candidate):
             if named.fit.cost < first.fit.cost:
                 yield named

@@ -3,9 +3,7 @@
 import dataclasses
 from collections.abc import Callable
 
-import numpy as np
-
-from slowtime.discrepancy.calibration import Fit, FitAbandoned, FitControl, refit
+from slowtime.discrepancy.calibration import BREAKDOWNS, Fit, FitAbandoned, FitControl, refit
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
 from slowtime.discrepancy.diagnosis import NamedEffect
 from slowtime.discrepancy.hypothesis import Hypothesis, SearchStep
@@ -82,7 +80,7 @@ def _by_the_others(
         )  # fmt: skip
     except FitAbandoned:
         return dataclasses.replace(found, exhausted=True), before
-    except (np.linalg.LinAlgError, FloatingPointError):
+    except BREAKDOWNS:
         return found, before
     rest = grow(Hypothesis((first,), trials, effects=kept), how, number)
     found = dataclasses.replace(found, exhausted=found.exhausted or rest.exhausted)

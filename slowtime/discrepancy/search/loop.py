@@ -8,9 +8,7 @@ left, and asks at the end whether each effect is needed beside the others.
 
 import dataclasses
 
-import numpy as np
-
-from slowtime.discrepancy.calibration import Fit
+from slowtime.discrepancy.calibration import BREAKDOWNS, Fit
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
 from slowtime.discrepancy.candidates.measured_pairs import act_apart
@@ -101,7 +99,8 @@ def _step(
     """Look for one more effect; none is there to a model that leaves no finite numbers."""
     try:
         return next_effect(found, how, number, tolerated)
-    except (np.linalg.LinAlgError, FloatingPointError):
+    except BREAKDOWNS as error:
+        how.monitor.note(f"The search for effect {number + 1} ended early: {error}.")
         return SearchStep(found, added=0)
 
 

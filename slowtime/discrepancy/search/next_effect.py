@@ -8,7 +8,7 @@
 import dataclasses
 from collections.abc import Sequence
 
-from slowtime.discrepancy.calibration import Fit
+from slowtime.discrepancy.calibration import BREAKDOWNS, Fit
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
 from slowtime.discrepancy.candidates.library_fit import Candidate, Label, library_candidates
@@ -18,12 +18,12 @@ from slowtime.discrepancy.estimation.candidate_fit import Fitting
 from slowtime.discrepancy.estimation.model_evidence import FittedCandidate
 from slowtime.discrepancy.hypothesis import Hypothesis, SearchStep
 from slowtime.discrepancy.localization import Localization, locate
-from slowtime.discrepancy.proposers import Round
+from slowtime.discrepancy.proposers import Proposal, Proposer, Round
 from slowtime.discrepancy.proposers.base_motion import base_motion, by_a_law, placed
 from slowtime.discrepancy.proposers.delayed_input import pairs_with_delayed_input
 from slowtime.discrepancy.proposers.joint_pairs import (
     JointPairs,
-    Pair,
+    LawPair,
     PairLabel,
     label_of_pair,
 )
@@ -249,7 +249,7 @@ def _fit_proposals(given: Round, how: SearchSettings) -> _Fits:
     for proposer in how.proposers_of(given.number):
         if fits.step is not None or fits.fitting.stopped:
             break
-        proposal = proposer(fits.given)
+        proposal = _ask(proposer, fits.given)
         given = dataclasses.replace(fits.given, proposals=(*fits.given.proposals, proposal))
         fits = dataclasses.replace(fits, given=given)
         batch: Sequence[Candidate] = proposal.candidates
@@ -267,6 +267,18 @@ def _fit_proposals(given: Round, how: SearchSettings) -> _Fits:
         if begun_with(_ranked(given), given.before, given.localized):
             break
     return fits
+
+
+def _ask(proposer: Proposer, given: Round) -> Proposal:
+    """Ask a proposer; one whose numbers break down proposes nothing, which is noted."""
+    try:
+        return proposer(given)
+    except BREAKDOWNS as error:
+        given.monitor.note(
+            f"Proposer {proposer.name!r} failed while effect {given.number + 1} was looked for "
+            f"({error}); only what the others propose was fitted."
+        )
+        return Proposal(proposer.name, ())
 
 
 def _begin(
@@ -289,13 +301,13 @@ def _in_turn(
 ) -> tuple[Sequence[Candidate], frozenset[Label]]:
     """Give candidates in the order in which they are fitted, and which are far behind."""
     if given.number:
-        labels, far = near_first(list(batch), given.kinds)
-        return labels, frozenset(far)
+        ordered, far = near_first(list(batch), given.kinds)
+        return ordered, frozenset(far)
     return simple_first(batch, given.kinds), frozenset()
 
 
 def _fit_pairs(
-    fits: _Fits, joint: JointPairs, pairs: Sequence[Pair], done: frozenset[PairLabel]
+    fits: _Fits, joint: JointPairs, pairs: Sequence[LawPair], done: frozenset[PairLabel]
 ) -> tuple[_Fits, frozenset[PairLabel]]:
     """Fit two effects at once, pair after pair; give those that were fitted, too."""
     if not pairs:

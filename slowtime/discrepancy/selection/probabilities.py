@@ -1,17 +1,20 @@
 """Probabilities of fitted candidates, the verdict that follows, and its rivals."""
 
+import dataclasses
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
 import numpy as np
+import scipy.special
 
 from slowtime.discrepancy.calibration import Fit
+from slowtime.discrepancy.candidates.library_fit import Label, label_of
 from slowtime.discrepancy.data.screening import Finding
 from slowtime.discrepancy.diagnosis import NamedEffect, Number, Rival, Verdict
 from slowtime.discrepancy.estimation.model_evidence import FittedCandidate, fitted_effect
 from slowtime.discrepancy.estimation.occam_factor import leniency
-from slowtime.discrepancy.quoting import numbers_of, sentence_of, unit_at
+from slowtime.discrepancy.quoting import numbers_of, numbers_of_effect, quoted
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Effect, Kind, Place
@@ -50,9 +53,9 @@ def probabilities(scores: Sequence[float], excess: float) -> list[float]:
     -------
     One for each model, in their order; they sum to 1.
     """
-    left = np.asarray(scores) * LIMITS.evidence_power / max(excess, 1.0)
-    odds = np.exp(left - left.max())
-    return [float(p) for p in odds / odds.sum()]
+    log_odds = np.asarray(scores) * LIMITS.evidence_power / max(excess, 1.0)
+    shares: list[float] = scipy.special.softmax(log_odds).tolist()
+    return shares
 
 
 def shares_of(
@@ -67,8 +70,6 @@ def shares_of(
     ----------
     found
         Refitted candidates, the best first.
-    kinds
-        Catalogue of effects by name.
     besides
         Log evidence [nats] of other answers without an effect, which take their share.
 
@@ -91,26 +92,64 @@ def answer_of(
         Refitted candidates, the best first.
     shares
         Probability of each [1].
-    kinds
-        Catalogue of effects by name.
     """
     best = found[0]
-    effect = fitted_effect(best)
-    rivals = tuple(
+    numbers = numbers_of(best.fit, len(best.description.effects) - 1)
+    others = [
         Rival(n.effect.kind, n.effect.place, p)
         for n, p in zip(found[1:], shares[1:], strict=True)
-        if p > LIMITS.told_probability
-    )
-    numbers = numbers_of(best.fit, len(best.description.effects) - 1)
-    kind = kinds[effect.kind]
-    return NamedEffect(
-        effect=effect,
-        family=kind.family,
-        numbers=numbers,
-        probability=shares[0],
-        rivals=rivals,
-        sentence=sentence_of(kind, effect.place, numbers),
-    )
+    ]
+    return name_best(fitted_effect(best), numbers, shares[0], others, kinds)
+
+
+def name_best(
+    effect: Effect,
+    numbers: Mapping[str, Number],
+    probability: float,
+    others: Iterable[Rival],
+    kinds: Mapping[str, Kind],
+) -> NamedEffect:
+    """Name the likeliest effect, with the rivals that are probable enough to be told.
+
+    Parameters
+    ----------
+    others
+        What may be in its stead, the most probable first.
+    """
+    told = [rival for rival in others if rival.probability > LIMITS.told_probability]
+    return quoted(effect, numbers, kinds[effect.kind], probability, told)
+
+
+def name_in_combination(
+    effect: Effect,
+    numbers: Mapping[str, Number],
+    models: Iterable[tuple[Collection[Label], float]],
+    instead: Callable[[Collection[Label]], Iterable[Label]],
+    kinds: Mapping[str, Kind],
+) -> NamedEffect:
+    """Name one of several effects that were fitted together.
+
+    Parameters
+    ----------
+    models
+        Combinations of effects, the likeliest first, with the probability of each [1].
+    instead
+        Which effects of a combination without this one are in its stead.
+
+    Returns
+    -------
+    The effect with the probability of all combinations that it is in.
+    """
+    probability, others = 0.0, dict[Label, float]()
+    for labels, share in models:
+        if label_of(effect) in labels:
+            probability += share
+            continue
+        for other in instead(labels):
+            others[other] = others.get(other, 0.0) + share
+    ranked = sorted(others.items(), key=lambda one: -one[1])
+    rivals = [Rival(kind, place, share) for (kind, place), share in ranked]
+    return name_best(effect, numbers, min(probability, 1.0), rivals, kinds)
 
 
 def fault_of(
@@ -134,18 +173,9 @@ def fault_of(
         if lost
         else dict.fromkeys(parameters, finding.level_sd)
     )
-    units = {p.name: unit_at(given, place, p.unit) for p in kinds[name].parameters}
-    return NamedEffect(
-        effect=Effect(name, place, parameters),
-        family=kinds[name].family,
-        numbers={
-            key: Number(value, sds.get(key, 0.0), units[key])
-            for key, value in parameters.items()
-        },
-        probability=0.99,
-        rivals=(),
-        sentence=finding.sentence,
-    )
+    effect, kind = Effect(name, place, parameters), kinds[name]
+    numbers = numbers_of_effect(effect, sds, kind, given)
+    return dataclasses.replace(quoted(effect, numbers, kind, 0.99), sentence=finding.sentence)
 
 
 def verdict_of(answers: Sequence[NamedEffect], kinds: Mapping[str, Kind]) -> Verdict:
@@ -180,6 +210,11 @@ def doubts_about(answer: NamedEffect) -> tuple[Rival, ...]:
         return ()
     own = Rival(answer.effect.kind, answer.effect.place, answer.probability)
     return _greater([own, *answer.rivals])
+
+
+def first_doubts(answers: Iterable[NamedEffect]) -> tuple[Rival, ...]:
+    """Give what the first answer that is not decided may be; nothing where all are."""
+    return next((doubts for one in answers if (doubts := doubts_about(one))), ())
 
 
 def _greater(rivals: Sequence[Rival]) -> tuple[Rival, ...]:

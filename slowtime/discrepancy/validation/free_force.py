@@ -171,8 +171,6 @@ class FreeForce:
         ----------
         free
             The free force, all its strengths zero.
-        kinds
-            Catalogue of effects by name.
         """
         own = {kind.name: kind for kind in (CURVE_KIND, LAG_KIND)}
         both = carry_effect(fit, free, {**kinds, **own})

@@ -15,7 +15,7 @@ import scipy.optimize
 import scipy.stats
 from jaxtyping import Float
 
-from slowtime.discrepancy.calibration import Fit
+from slowtime.discrepancy.calibration import Fit, attempt
 from slowtime.discrepancy.calibration.measured_friction import needs_measured_friction
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
@@ -64,8 +64,6 @@ def refuted_by_free_force(
         Of the whole model, which leaves noise only.
     first
         Number of the first effect that was named; those before belong to the given model.
-    kinds
-        Catalogue of effects by name.
 
     Returns
     -------
@@ -75,12 +73,8 @@ def refuted_by_free_force(
         return None
     places = _named_elements(fit, first)
     for place in places:
-        try:
-            found = _test_element(
-                place, REFUTED_P_VALUE / len(places), fit, first, trials, kinds
-            )
-        except (np.linalg.LinAlgError, FloatingPointError):
-            continue
+        p_value = REFUTED_P_VALUE / len(places)
+        found = attempt(_test_element, place, p_value, fit, first, trials, kinds)
         if found is not None:
             return found
     return None

@@ -12,14 +12,14 @@ from slowtime.discrepancy.calibration import (
     first_periods,
     motion_amplitude,
     multistart_initial_state,
-    refit,
     state_from_sensors,
+    try_refit,
 )
 from slowtime.discrepancy.diagnosis import Spectra, Traces
 from slowtime.discrepancy.noise import Noise, estimate_noise
 from slowtime.discrepancy.records import MIN_SAMPLES, Trial
 from slowtime.dynamics.description import Description
-from slowtime.dynamics.plant import Plant
+from slowtime.dynamics.plant import Name, Plant
 from slowtime.signals.spectra import transform
 
 START_SHARE = 0.2
@@ -41,6 +41,17 @@ def evaluation_trials(
     return holdout or tuple(tail_of(trial) for trial in trials)
 
 
+def learnt_and_unseen(
+    trials: tuple[Trial, ...], holdout: tuple[Trial, ...]
+) -> tuple[tuple[Trial, ...], tuple[Trial, ...]]:
+    """Give the records that are fitted once, and those for evaluation.
+
+    Where none is held out, the last third of each record is.
+    """
+    tests = evaluation_trials(trials, holdout)
+    return (trials if holdout else heads_of(trials) or trials), tests
+
+
 def tail_of(trial: Trial) -> Trial:
     """Last third of a record; all of it where that is too short."""
     begun = len(trial.outputs) * 2 // 3
@@ -49,21 +60,33 @@ def tail_of(trial: Trial) -> Trial:
     return trial.part(begun, len(trial.outputs))
 
 
-def refit_on_heads(fit: Fit, trials: Sequence[Trial]) -> Fit:
-    """Refit a model to all but the tails of records; the given fit where that diverges."""
+def heads_of(trials: Sequence[Trial]) -> tuple[Trial, ...]:
+    """First two thirds of each record; none where one of them is too short."""
     ends = [len(trial.outputs) * 2 // 3 for trial in trials]
     if min(ends) < MIN_SAMPLES:
+        return ()
+    return tuple(trial.part(0, end) for trial, end in zip(trials, ends, strict=True))
+
+
+def refit_on_heads(
+    fit: Fit, trials: Sequence[Trial], free: Sequence[Name] | None = None
+) -> Fit:
+    """Refit a model to all but the tails of records; the given fit where that diverges.
+
+    Parameters
+    ----------
+    free
+        Constants that are fitted; all where not given.
+    """
+    heads = heads_of(trials)
+    if not heads:
         return fit
-    heads = [trial.part(0, end) for trial, end in zip(trials, ends, strict=True)]
     states = fit.states if len(fit.states) == len(heads) else None
-    try:
-        found = refit(
-            fit.plant, heads, noise=fit.noise if states else None, values=fit.values,
-            states=states, horizons=(1.0,),
-        )  # fmt: skip
-    except (np.linalg.LinAlgError, FloatingPointError):
-        return fit
-    return found if math.isfinite(found.cost) else fit
+    found = try_refit(
+        fit.plant, heads, free=free, noise=fit.noise if states else None, values=fit.values,
+        states=states, horizons=(1.0,),
+    )  # fmt: skip
+    return found or fit
 
 
 def free_runs(fit: Fit, trials: Sequence[Trial]) -> list[Series]:
@@ -101,10 +124,7 @@ def refit_on_record(fit: Fit, trial: Trial) -> Fit | None:
     None where the free run diverges.
     """
     state = _initial_state(fit, _first_part(trial), _noise_of_first_record(fit))
-    try:
-        return refit(fit.plant, (trial,), values=fit.values, states=[state], horizons=(1.0,))
-    except (np.linalg.LinAlgError, FloatingPointError):
-        return None
+    return try_refit(fit.plant, (trial,), values=fit.values, states=[state], horizons=(1.0,))
 
 
 def _first_part(trial: Trial) -> Trial:
@@ -168,12 +188,9 @@ def _fit_initial_state(
     states: Sequence[Float[np.ndarray, " state"]] | None,
 ) -> Fit | None:
     """Fit initial states alone; None where the run diverges."""
-    try:
-        return refit(
-            plant, (part,), free=[], noise=noise, values=values, states=states, horizons=(1.0,)
-        )
-    except FloatingPointError:
-        return None
+    return try_refit(
+        plant, (part,), free=[], noise=noise, values=values, states=states, horizons=(1.0,)
+    )
 
 
 def relative_errors(

@@ -8,11 +8,11 @@ import scipy.stats
 
 from slowtime.discrepancy.calibration import (
     Fit,
-    FitAbandoned,
     FitControl,
+    attempt,
     prior_of,
-    refit,
     shooting_fit,
+    try_refit,
 )
 from slowtime.discrepancy.calibration.augmentation import augmented_start
 from slowtime.discrepancy.candidates.force_space import ForceSpace
@@ -98,8 +98,6 @@ def fit_force_surface(
     ----------
     localized
         Where a force explains what that leaves.
-    kinds
-        Catalogue of effects by name.
     max_work
         Budget [units of work]; as much again where that fit ends in a wrong minimum, or leaves
         more than noise with the shape that was demanded or chosen.
@@ -316,13 +314,12 @@ def fit_stages(
     in_phase = _share_of_run(plant, trials, values, states) < MAX_LEFT
     for share in (1.0,) if in_phase else (*HORIZONS, 1.0):
         parts = [_head(trial, share) for trial in trials]
-        try:
-            fit = refit(
-                plant, parts, noise=noise if share < 1 else None, free=free,
-                values=reached[-1][0], states=reached[-1][1], horizons=(1.0,),
-                control=FitControl(is_late=late, keeps_best=True),
-            )  # fmt: skip
-        except (FloatingPointError, np.linalg.LinAlgError):
+        fit = try_refit(
+            plant, parts, noise=noise if share < 1 else None, free=free,
+            values=reached[-1][0], states=reached[-1][1], horizons=(1.0,),
+            control=FitControl(is_late=late, keeps_best=True),
+        )  # fmt: skip
+        if fit is None:
             continue
         if share == 1.0:
             return fit, not late()
@@ -331,12 +328,8 @@ def fit_stages(
             break
     # What fits the beginning of a record best may run away later.
     values, states = min(reached, key=lambda point: _share_of_run(plant, trials, *point))
-    try:
-        return refit(
-            plant, trials, free=[], values=values, states=states, horizons=(1.0,)
-        ), False
-    except (FloatingPointError, np.linalg.LinAlgError):
-        return None, False
+    fit = try_refit(plant, trials, free=[], values=values, states=states, horizons=(1.0,))
+    return fit, False
 
 
 def _share_of_run(
@@ -374,15 +367,15 @@ def _from_segments(
     A stop that is harder than the spring changes the frequency so much that free runs over
     growing parts of a record lose their phase. Over a few periods they do not.
     """
-    try:
-        control = FitControl(is_late=late)
-        cut, states = shooting_fit(plant, trials, noise, values, control, free)
-        return refit(
-            plant, trials, free=free, values=cut.values, states=states, horizons=(1.0,),
-            control=control,
-        )  # fmt: skip
-    except (FitAbandoned, FloatingPointError, np.linalg.LinAlgError):
+    control = FitControl(is_late=late)
+    shot = attempt(shooting_fit, plant, trials, noise, values, control, free)
+    if shot is None:
         return None
+    cut, states = shot
+    return try_refit(
+        plant, trials, free=free, values=cut.values, states=states, horizons=(1.0,),
+        control=control,
+    )  # fmt: skip
 
 
 def _from_no_force(
@@ -403,13 +396,12 @@ def _from_no_force(
     plant, values, states = augmented_start(before, effect, kinds)
     free = _free_names(plant, found)
     with metered() as meter:
-        try:
-            fit = refit(
-                plant, trials, free=free, values=values, states=states, horizons=(1.0,),
-                control=FitControl(is_late=lambda: meter.spent > max_work, keeps_best=True),
-            )  # fmt: skip
-        except (FloatingPointError, np.linalg.LinAlgError):
-            return None
+        fit = try_refit(
+            plant, trials, free=free, values=values, states=states, horizons=(1.0,),
+            control=FitControl(is_late=lambda: meter.spent > max_work, keeps_best=True),
+        )  # fmt: skip
+    if fit is None:
+        return None
     return SurfaceFit(place, fit, free, meter.spent <= max_work, shaped)
 
 

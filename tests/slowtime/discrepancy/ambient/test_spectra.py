@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from slowtime.discrepancy.ambient.spectra import fit_ambient_spectra
+from slowtime.discrepancy.ambient.spectra import fit_spectra, spectral_problem
 from slowtime.discrepancy.calibration.model_values import with_values
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.description import (
@@ -59,7 +59,7 @@ def shaken(seed, change=(1.0, 1.0), tone=0.0):
 
 
 def compared(*trials):
-    return fit_ambient_spectra(Plant.of(rig()), trials)
+    return fit_spectra(spectral_problem(Plant.of(rig()), trials))
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +117,7 @@ def test_records_with_an_input_are_sent_elsewhere():
         rig(), inputs=(Input(channel="u", kind="force", node="m1", unit="N"),)
     )
     with pytest.raises(ValueError, match="Use refit and locate"):
-        fit_ambient_spectra(Plant.of(driven), (shaken(0),))
+        spectral_problem(Plant.of(driven), (shaken(0),))
 
 
 @pytest.mark.slow

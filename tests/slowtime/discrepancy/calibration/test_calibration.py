@@ -6,8 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
+from slowtime.discrepancy.calibration import (
+    FitAbandoned,
+    attempt,
+    levenberg_marquardt,
+    prior_of,
+    refit,
+)
 from slowtime.discrepancy.calibration import fit as fitting
-from slowtime.discrepancy.calibration import levenberg_marquardt, prior_of, refit
 from slowtime.discrepancy.calibration.levenberg_marquardt import (
     FitControl,
     NormalEquations,
@@ -73,6 +79,17 @@ def test_pulls_are_in_units_of_what_the_model_claims(clean):
     claimed = rig.description.elements[0].stiffness_n_per_m
     moved = fit.values[fit.plant.parameters.index(("stiffness", "j0"))] / claimed - 1
     assert fit.pulls["stiffness", "j0"] == pytest.approx(moved / 0.05)
+
+
+@pytest.mark.parametrize("error", [np.linalg.LinAlgError, FloatingPointError, FitAbandoned])
+def test_a_step_that_breaks_down_gives_nothing_and_a_mistake_is_raised(error):
+    def broken(number):
+        raise error
+
+    assert attempt(broken, 1) is None
+    assert attempt(divmod, 7, 2) == (3, 1)
+    with pytest.raises(ZeroDivisionError):
+        attempt(divmod, 7, 0)
 
 
 @pytest.mark.long

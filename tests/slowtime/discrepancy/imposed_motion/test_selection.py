@@ -15,8 +15,8 @@ from slowtime.discrepancy.imposed_motion.regression import (
     independent_samples,
 )
 from slowtime.discrepancy.imposed_motion.selection import (
-    Comparison,
     ForceModel,
+    LawComparison,
     compare,
     group_of,
 )
@@ -117,9 +117,9 @@ def test_a_general_law_that_gains_nothing_counts_as_the_simple_one():
     assert general is not None
     left = np.random.default_rng(1).standard_normal(500)
     models = (ForceModel(bare, 5 * left), ForceModel(simple, left), ForceModel(general, left))
-    same = Comparison(models, (-50.0, 0.0, -1.0), (0, 1, 2), 100.0)
+    same = LawComparison(models, (-50.0, 0.0, -1.0), (0, 1, 2), 100.0)
     assert same.shares(1.0, catalogue())[1:] == [pytest.approx(1.0), 0.0]
-    clear = Comparison((*models[:2], ForceModel(general, 0.5 * left)), (-50.0, -9.0, 0.0),
+    clear = LawComparison((*models[:2], ForceModel(general, 0.5 * left)), (-50.0, -9.0, 0.0),
                        (0, 1, 2), 100.0)  # fmt: skip
     assert clear.shares(1.0, catalogue())[2] > 0.9
 

@@ -72,9 +72,11 @@ def test_a_search_in_which_a_model_diverges_keeps_what_was_found(error):
     def diverging(given):
         raise error("no finite numbers")
 
-    own = StubProposer("own", proposed=diverging)
-    found = searched(records_of((CUBIC,)), options=SearchOptions(proposers=(own,)))
+    own, monitor = StubProposer("own", proposed=diverging), Monitor()
+    options = SearchOptions(proposers=(own,))
+    found = searched(records_of((CUBIC,)), monitor=monitor, options=options)
     assert own.rounds
+    assert any("'own' failed" in note for note in monitor.notes)
     assert not found.effects
     assert found.last.chi2_in_band > 1.2
 

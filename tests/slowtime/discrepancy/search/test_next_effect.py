@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import numpy as np
 import pytest
 
 from slowtime.discrepancy.calibration import refit
@@ -68,6 +69,29 @@ def test_a_proposer_of_the_caller_is_asked_and_its_candidate_is_named(lacking):
     assert {label_of(one.effect) for one in asked.shortlist} <= {
         label_of(one.effect) for one in asked.tried
     }
+
+
+@pytest.mark.parametrize("error", [np.linalg.LinAlgError, FloatingPointError])
+def test_a_proposer_whose_numbers_break_down_is_noted_and_the_others_are_asked(lacking, error):
+    def diverging(given):
+        raise error("no finite numbers")
+
+    monitor = Monitor()
+    broken = StubProposer("camera", proposed=diverging)
+    own = StubProposer("own", candidates=(candidate(CUBIC, cost_without=lacking[1].cost),))
+    step = extended(lacking, broken, own, monitor=monitor)
+    assert [label_of(one.effect) for one in step.hypothesis.effects] == [label_of(CUBIC)]
+    (note,) = monitor.notes
+    assert "'camera'" in note
+    assert "no finite numbers" in note
+
+
+def test_a_mistake_in_a_proposer_is_no_numerical_failure(lacking):
+    def mistaken(given):
+        raise KeyError("cubic")
+
+    with pytest.raises(KeyError, match="cubic"):
+        extended(lacking, StubProposer("own", proposed=mistaken))
 
 
 def test_each_proposer_is_told_what_was_proposed_and_fitted_before_it(lacking):

@@ -9,6 +9,7 @@ from slowtime.discrepancy.records import MIN_SAMPLES, Trial
 from slowtime.discrepancy.validation.free_run import (
     SPECTRUM_POINTS,
     evaluation_trials,
+    learnt_and_unseen,
     refit_on_heads,
     spectra_of,
 )
@@ -30,6 +31,15 @@ def test_a_tail_is_a_third_where_that_is_a_record_and_else_the_whole(samples):
     np.testing.assert_array_equal(tail.outputs, trial.outputs[-len(tail.outputs) :])
     held = (trial_of(70),)
     assert evaluation_trials((trial,), held) is held
+
+
+@pytest.mark.parametrize(("samples", "fitted", "judged"), [(300, 200, 100), (90, 90, 90)])
+def test_what_is_fitted_once_is_not_judged_by_unless_it_is_too_short(samples, fitted, judged):
+    trial = trial_of(samples)
+    (learnt,), (tail,) = learnt_and_unseen((trial,), ())
+    assert (len(learnt.outputs), len(tail.outputs)) == (fitted, judged)
+    held = (trial_of(70),)
+    assert learnt_and_unseen((trial,), held) == ((trial,), held)
 
 
 def test_a_fit_to_short_pieces_is_judged_as_it_is():

@@ -1,0 +1,127 @@
+"""What a likelihood says of a campaign; verdict, words and report follow from it alike."""
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+
+from slowtime.discrepancy.diagnosis import (
+    Experiment,
+    Gap,
+    GapStep,
+    MeasuredForce,
+    NamedEffect,
+    Number,
+    Rival,
+    Spectra,
+    Surface,
+    Suspect,
+    Traces,
+    When,
+)
+from slowtime.discrepancy.quoting import percent
+from slowtime.dynamics.description import Description
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class ErrorMeasure:
+    """What errors on records that were not fitted are of, in words.
+
+    Parameters
+    ----------
+    of
+        Of what, such as " of the force"; empty for the motion of free runs.
+    text
+        Writes an error.
+    reached, alone
+        Say that an error is the noise floor, and what the noise floor is otherwise.
+    """
+
+    of: str = ""
+    text: Callable[[float], str] = percent
+    reached: str = "the noise floor"
+    alone: str = "noise alone would give"
+
+
+FREE_RUNS = ErrorMeasure()
+NEVER = When((), (), "")
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Outcome:
+    """Hypotheses about a campaign as one likelihood judges them, of spectra for example.
+
+    Fields that are not told here are those of `Diagnosis`.
+
+    Parameters
+    ----------
+    effects
+        That are named, with their rivals; faults of channels that screening found come beside.
+    undecided
+        What the records cannot tell apart; empty where all is decided.
+    constants_suffice, near_unknown
+        Whether wrong constants, or a law near the one named that is not known, are among these.
+    unknown
+        What is missing, in words, where no effect known here explains it; empty otherwise.
+    measure
+        What the errors of `gap` are of.
+    """
+
+    effects: Sequence[NamedEffect]
+    undecided: Sequence[Rival]
+    unknown: str
+    moved: Mapping[str, Number]
+    gap: Gap
+    refitted: Description
+    augmented: Description
+    nothing_probability: float
+    chi2_per_datum: float
+    residual_white: bool
+    white_p_value: float
+    traces: tuple[Traces, ...]
+    spectra: Spectra
+    notes: Sequence[str]
+    constants_suffice: bool = False
+    near_unknown: bool = False
+    measure: ErrorMeasure = FREE_RUNS
+    experiment: Experiment | None = None
+    where: tuple[Suspect, ...] = ()
+    when: When = NEVER
+    surface: Surface | None = None
+    measured_force: MeasuredForce | None = None
+
+
+def gap_of(
+    effects: Sequence[NamedEffect],
+    errors: Sequence[float],
+    *,
+    nominal: float,
+    floor: float,
+    held_out: bool,
+    kept: float | None = None,
+    worst: float | None = None,
+    further: Sequence[GapStep] = (),
+) -> Gap:
+    """Give the errors of the model as given, refitted, and after each effect.
+
+    Parameters
+    ----------
+    errors
+        Of the refitted model, and after each effect.
+    kept, worst
+        Of the model that is adopted, and at its worst sensor; the last error where not given.
+    further
+        Steps after the effects.
+    """
+    steps = (
+        GapStep(one.effect.kind, one.effect.place, error)
+        for one, error in zip(effects, errors[1:], strict=False)
+    )
+    kept = errors[-1] if kept is None else kept
+    return Gap(
+        nominal=nominal,
+        refitted_nominal=errors[0],
+        steps=(*steps, *further),
+        augmented=kept,
+        noise_floor=floor,
+        on="holdout" if held_out else "tail",
+        worst=kept if worst is None else worst,
+    )
