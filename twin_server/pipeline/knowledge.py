@@ -25,6 +25,7 @@ from .analysis.forecast_cache import ForecastCache
 from .analysis.plans import STALE, PlanCache
 from .analysis.risk import RiskCache
 from .analysis.simulations import Simulations
+from .analysis.track_record import record_answer
 from .ingestion.estimation import NotEstimatedError
 from .ingestion.pipeline import Pipeline
 from .ingestion.routing import UnknownReceiverError
@@ -191,6 +192,12 @@ class TwinKnowledge:
         prospect, unit = known
         return _outlook(forecast_from_state(prospect, ahead, count, thresholds, unit), unit)
 
+    def track_record(self, twin_id: str) -> dict[str, Any]:
+        """Return the past outlooks of a twin, and what came of them, as REST does."""
+        last = self._store.history(twin_id, limit=1, newest=True)
+        unit = last.boots[last.number[-1]][1] if len(last.states) else None
+        return record_answer(twin_id, self.prospects.verified(twin_id), unit)
+
     def risk(self, twin_id: str, horizon: float | None) -> dict[str, Any]:
         """Return the failure probability of a twin by each of its limit states."""
         return self._assessing.risk(twin_id, horizon)
@@ -356,6 +363,7 @@ def _outlook(foresight: ChangeForecast, unit: str | None) -> TwinForecast:
         {name: [at for at, _ in one.outlook.jumps] for name, one in foresight.outlooks.items()},
         unit,
         foresight.misfits,
+        foresight.widening,
     )
 
 

@@ -44,6 +44,8 @@ class TwinForecast:
         When each threshold is reached.
     misfits
         Of each quantity that no degradation law fits, a sentence that says so.
+    widening
+        Factor by which the futures of each are spread wider, as past outlooks call for it.
     periods, jumps
         Of each quantity, after how long it repeats itself, if it does; and slow times after
         which its past went elsewhere.
@@ -62,6 +64,7 @@ class TwinForecast:
     jumps: Mapping[str, Sequence[float]] = dataclasses.field(default_factory=dict)
     unit: str | None = None
     misfits: Sequence[str] = ()
+    widening: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
 
 class LedgerProofs(Protocol):
@@ -173,6 +176,10 @@ class Knowledge(Protocol):
         -------
         The forecast, or None.
         """
+        ...
+
+    def track_record(self, twin_id: str) -> dict[str, Any]:
+        """Return the past outlooks of a twin, and what came of them, as REST does."""
         ...
 
     def risk(self, twin_id: str, horizon: float | None) -> dict[str, Any]:

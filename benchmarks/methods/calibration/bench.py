@@ -6,6 +6,7 @@ are compared.
 """
 
 import argparse
+import dataclasses
 import json
 import time
 from collections.abc import Iterable
@@ -14,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from twin_server.estimate.forecast import changes
+from twin_server.estimate.forecast import changes, statements
 from twin_server.registration.thresholds import Limit
 
 from . import histories, oracle
@@ -38,13 +39,14 @@ QUANTITY = "stiffness_change"
 def judge(case: Case, known: dict[str, Any] | None) -> dict[str, Any]:
     """Ask both at each instant: probability of the crossing, and bands at ten times."""
     rows = []
+    kept: list[dict[str, Any]] = []
     for which, instant in enumerate(INSTANTS):
         readings = int(np.searchsorted(case.time, instant + 1e-12, "right"))
         now = float(case.time[readings - 1])
         at = now + (1.0 - now) * np.arange(1, TIMES + 1) / TIMES
         true = np.interp(at, case.fine, case.truth)
         row: dict[str, Any] = {"now": now, "crossed": bool(case.crossed <= now)}
-        row |= _twin(case, readings, at, true)
+        row |= _twin(case, readings, at, true, kept)
         if known is None:
             rng = np.random.default_rng([case.number, which])
             futures = oracle.futures(case, readings, rng)
@@ -64,18 +66,43 @@ def _holds(band: np.ndarray, true: np.ndarray) -> list[bool]:
     return [bool(low <= x <= high) for (low, high), x in zip(band, true, strict=True)]
 
 
-def _twin(case: Case, readings: int, at: np.ndarray, true: np.ndarray) -> dict[str, Any]:
-    """Forecast as the server does, learning from all readings up to now."""
+def _past(case: Case, readings: int) -> dict[str, changes.Past]:
     when = case.unit * case.time[:readings]
-    past = {
+    return {
         QUANTITY: changes.Past(when, case.value[:readings], np.full(readings, case.sd), 0.0)
     }
+
+
+def _widening(case: Case, readings: int, kept: list[dict[str, Any]]) -> float:
+    """Factor of the spread by what came of the statements so far, which are kept first."""
+    first = kept[-1]["sequence"] + 1 if kept else 0
+    for sequence in range(first, readings - 1):
+        if statements.is_due(sequence):
+            past = _past(case, sequence + 1)
+            state = changes.forecast_state_of(past, changes.learn(past))
+            assert state is not None
+            kept.append(statements.state_outlook(state, None, ()) | {"sequence": sequence})
+    known = statements.truth_of(_past(case, readings))
+    score = statements.verify(kept[-statements.KEPT :], known).quantities[QUANTITY]
+    return score.widening.factor
+
+
+def _twin(
+    case: Case, readings: int, at: np.ndarray, true: np.ndarray, kept: list[dict[str, Any]]
+) -> dict[str, Any]:
+    """Forecast as the server does, learning from all readings up to now."""
+    past = _past(case, readings)
+    when = past[QUANTITY].slow_time
     begun = time.process_time()
     state = changes.forecast_state_of(past, changes.learn(past))
     assert state is not None
     limit = Limit(QUANTITY, case.threshold, "below")
-    told = changes.forecast_from_state(state, case.unit - when[-1], TIMES, (limit,))
+    horizon = float(case.unit - when[-1])
+    bare = changes.forecast_from_state(state, horizon, TIMES, (limit,))
     spent = time.process_time() - begun
+    factor = _widening(case, readings, kept)
+    wider = dataclasses.replace(state, widening={QUANTITY: factor})
+    told = changes.forecast_from_state(wider, horizon, TIMES, (limit,))
     life, band = told.crossings[0][1], told.bands[QUANTITY]
     # Probability below the true time: of one beyond the end, only the ends are known.
     place = [life.within, 1.0]
@@ -83,7 +110,11 @@ def _twin(case: Case, readings: int, at: np.ndarray, true: np.ndarray) -> dict[s
         place = [float(life.cdf(min(case.crossed * case.unit, life.horizon)))] * 2
     return {
         "p": life.within, "place": place, "holds": _holds(band[:, 2:], true),
-        "width": float(band[-1, 3] - band[-1, 2]), "seconds": spent,
+        "width": float(band[-1, 3] - band[-1, 2]), "seconds": spent, "widening": factor,
+        "bare": {
+            "p": bare.crossings[0][1].within,
+            "holds": _holds(bare.bands[QUANTITY][:, 2:], true),
+        },
         "laws": {name: round(share, 3) for name, share in life.weights.items() if share > 0.01},
     }  # fmt: skip
 

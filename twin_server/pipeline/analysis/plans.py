@@ -143,6 +143,7 @@ class PlanCache:
             pace_of(found),
             prospect.since - prospect.first,
             found.boots[int(found.number[-1])][1] or None,
+            prospect.widening.get(quantity, 1.0),
         )
 
 

@@ -114,6 +114,7 @@ class RiskCache:
             since=prospect.since,
             horizon=prospect.since + (horizon or twin.registration.outlook_horizon or span),
             unit=found.boots[found.number[-1]][1],
+            widening=prospect.widening,
         )
         answer: dict[str, Any] = self._workers.run(risk_answer, twin_id, order)
         return answer
