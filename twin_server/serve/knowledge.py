@@ -182,7 +182,9 @@ class Knowledge(Protocol):
         """Return the past outlooks of a twin, and what came of them, as REST does."""
         ...
 
-    def risk(self, twin_id: str, horizon: float | None) -> dict[str, Any]:
+    def risk(
+        self, twin_id: str, horizon: float | None, since: float | None = None
+    ) -> dict[str, Any]:
         """Return the failure probability of a twin by each of its limit states.
 
         Parameters
@@ -191,14 +193,25 @@ class Knowledge(Protocol):
             SITE.ASSET.
         horizon
             Slow time ahead; the default of the registration if None.
+        since
+            Slow time of the reading whose forecast it has to agree with; the last if None, or
+            if that forecast is not kept any more.
 
         Returns
         -------
         Probabilities as REST returns them.
         """
 
-    def plan(self, twin_id: str, *, stale: bool = False) -> dict[str, Any]:
-        """Return the maintenance plan of a twin; with `stale`, one of some readings ago."""
+    def plan(
+        self, twin_id: str, *, stale: bool = False, since: float | None = None
+    ) -> dict[str, Any]:
+        """Return the maintenance plan of a twin; with `stale`, one of some readings ago.
+
+        Parameters
+        ----------
+        since
+            As for `risk`.
+        """
         ...
 
     def heads(self, after: int | None, limit: int) -> list[dict[str, Any]]:

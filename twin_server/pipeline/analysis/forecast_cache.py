@@ -75,6 +75,9 @@ MOST_KEPT = 500
 MOST_WAITING = 256
 """States of a twin that wait to be taken in by who asks next; more are taken in before."""
 
+TOLD_STATES = 2
+"""Latest states of a twin that a forecast was told of: risk and plan are told of the same."""
+
 ANSWERS = 16
 """Forecasts that are kept of a twin until its next reading."""
 
@@ -107,6 +110,7 @@ class _Kept:
     changes: dict[str, list[float]] = dataclasses.field(default_factory=dict)
     told: "_ToldEvents" = dataclasses.field(default_factory=lambda: _ToldEvents((), {}))
     answers: dict[Any, ChangeForecast] = dataclasses.field(default_factory=dict)
+    told_states: dict[float, ForecastState] = dataclasses.field(default_factory=dict)
     crossings: tuple[tuple[Limit, RemainingLife], ...] = ()
     since_told: int = 0
     stated: Key | None = None
@@ -146,7 +150,8 @@ class ForecastCache:
     run
         Where is learnt; by default in the thread that asks.
     on_renewed
-        Called in the background with each twin whose future is watched, as it is told anew.
+        Called in the background with each twin whose future is watched, as it is told anew, and
+        the slow time of the reading that it is told of.
     """
 
     def __init__(
@@ -156,7 +161,7 @@ class ForecastCache:
         *,
         refresh: int = 25,
         run: Run = lambda function, *arguments: function(*arguments),
-        on_renewed: Callable[[str], object] = lambda _: None,
+        on_renewed: Callable[[str, float | None], object] = lambda *_: None,
     ) -> None:
         self._pipeline, self._store = pipeline, store
         self._refresh, self._run, self._on_renewed = refresh, run, on_renewed
@@ -248,6 +253,11 @@ class ForecastCache:
                 if kept.prospect is prospect and len(kept.answers) < ANSWERS:
                     kept.answers[asked] = known
                 self._tell_crossings(twin_id, kept, horizon, known)
+        with kept.lock:
+            kept.told_states.pop(prospect.since, None)
+            kept.told_states[prospect.since] = prospect
+            while len(kept.told_states) > TOLD_STATES:
+                kept.told_states.pop(next(iter(kept.told_states)))
         return CachedForecast(known, unit)
 
     def _tell_crossings(
@@ -290,10 +300,25 @@ class ForecastCache:
         with kept.lock:
             kept.crossings = () if told is None else told.foresight.crossings
             kept.since_told = 0
-        self._on_renewed(twin_id)
+        self._on_renewed(twin_id, None if told is None else told.foresight.since)
 
-    def prospect(self, twin_id: str) -> ForecastState | None:
-        """Return the cached state of a twin at its last reading; None if readings are few."""
+    def prospect(self, twin_id: str, since: float | None = None) -> ForecastState | None:
+        """Return the cached state of a twin at its last reading; None if readings are few.
+
+        Parameters
+        ----------
+        twin_id
+            SITE.ASSET.
+        since
+            Slow time of a reading: the state that a forecast was told of then, if it is still
+            kept.
+        """
+        kept = self._kept.get(twin_id)
+        if kept is not None and since is not None:
+            with kept.lock:
+                told = kept.told_states.get(since)
+            if told is not None:
+                return told
         kept = self._up_to_date(twin_id)
         return None if kept is None else kept.prospect
 
