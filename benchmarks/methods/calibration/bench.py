@@ -144,8 +144,9 @@ def table(results: Iterable[dict[str, Any]], before: dict[tuple[str, int], Any])
     lines = [
         "| law | outlooks | bands hold [%] | at the end | oracle's | Brier score | oracle's "
         "| excess over that before | sure, right | log score over the oracle's [nat] "
-        "| life held by 10–90 % [%] | late | early | flicker |",
-        "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|",
+        "| life held by 10–90 % [%] | late | early | flicker | at fixed dates "
+        "| widened by | bands held without [%] | Brier score without |",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     announced = [one for one in every if one["law"] != histories.JUMPS]
     for name, part in [
@@ -181,16 +182,26 @@ def _line(name: str, part: list[dict[str, Any]], before: dict[tuple[str, int], A
     sure_oracle = int(np.sum((known <= SURE) | (known >= 1.0 - SURE)))
     logs = [-np.log(np.clip(np.where(y == 1, q, 1 - q), LEAST, 1)).mean() for q in (p, known)]
     middle, late, early = np.mean([_place(*row["place"]) for _, row in asked], axis=0)
-    moved = np.array([_flicker(one) for one in part])
-    error = moved.std(ddof=1) / np.sqrt(len(moved)) if len(moved) > 1 else np.nan
+    flicker, fixed = (_interval([of(one) for one in part]) for of in (_flicker, _movement))
+    # Results of a version that did not widen have nothing beside.
+    bare = [row.get("bare", row) for _, row in asked]
+    without = np.array([row.get("bare", row)["holds"] for one in part for row in one["rows"]])
+    narrow = np.mean((np.array([row["p"] for row in bare]) - y) ** 2)
+    factor = np.mean([row.get("widening", 1.0) for one in part for row in one["rows"]])
     return (
         f"| {name} | {len(asked)} | {100 * held.mean():.1f} | {100 * held[:, -1].mean():.1f} "
         f"| {100 * oracles.mean():.1f} | {np.mean((p - y) ** 2):.3f} "
         f"| {np.mean((known - y) ** 2):.3f} | {ratio} "
         f"| {right} of {int(sure.sum())} (oracle {sure_oracle}) | {logs[0] - logs[1]:.2f} "
         f"| {100 * middle:.1f} | {100 * late:.1f} | {100 * early:.1f} "
-        f"| {moved.mean():+.3f} ± {1.96 * error:.3f} |"
+        f"| {flicker} | {fixed} | {factor:.2f} | {100 * without.mean():.1f} | {narrow:.3f} |"
     )
+
+
+def _interval(values: list[float]) -> str:
+    """Mean of independent values with the half width of its 95 % interval."""
+    error = np.std(values, ddof=1) / np.sqrt(len(values)) if len(values) > 1 else np.nan
+    return f"{np.mean(values):+.3f} ± {1.96 * error:.3f}"
 
 
 def _same(before: dict[tuple[str, int], Any], one: Any, row: Any) -> Any:
@@ -215,9 +226,24 @@ def _flicker(one: dict[str, Any]) -> float:
     .. [1] N. Augenblick and M. Rabin, "Belief movement, uncertainty reduction, and rational
        updating" (2021).
     """
-    happened = float(one["happened"])
-    p = np.array([1.0 if row["crossed"] else row["p"] for row in one["rows"]] + [happened])
+    p = np.append(_told(one), float(one["happened"]))
     return float(np.sum(np.diff(p) ** 2) - p[0] * (1.0 - p[0]))
+
+
+def _movement(one: dict[str, Any]) -> float:
+    r"""Movement of a probability between fixed dates, less the uncertainty that it resolves.
+
+    Of a martingale, the mean of :math:`\sum (\Delta p)^2 - p_0 (1 - p_0) + p_T (1 - p_T)` is
+    zero, whatever comes after the last date :math:`T`: increments are uncorrelated, so that
+    :math:`\operatorname{E} \sum (\Delta p)^2 = \operatorname{E}[p_T^2 - p_0^2]`.
+    """
+    p = _told(one)
+    left = p * (1.0 - p)
+    return float(np.sum(np.diff(p) ** 2) - left[0] + left[-1])
+
+
+def _told(one: dict[str, Any]) -> np.ndarray:
+    return np.array([1.0 if row["crossed"] else row["p"] for row in one["rows"]])
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -74,6 +74,7 @@ export class Plan {
 
   show() {
     const { plan } = this, none = !plan.options.length;
+    this.root.dataset.since = plan.since;
     this.say(english(make("span", plan.sentence)));
     this.root.dataset.action = plan.action ?? "none";
     this.changes.replaceChildren(...plan.changes.map((text) => make("li", text)));

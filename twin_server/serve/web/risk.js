@@ -89,6 +89,7 @@ export class Risk {
 
   show(latest) {
     const { risk } = this, at = (time) => slowTime(atTime(latest, time));
+    this.root.dataset.since = risk.since;
     say(this.safe, ...(risk.limit_states.length ? safetyOf(risk, at) : ["", ""]));
     this.body.replaceChildren(...risk.limit_states.map((state) => rowOf(state, risk.since, at)));
     this.heads[1].textContent = t("risk.at", { time: at(risk.since) });
