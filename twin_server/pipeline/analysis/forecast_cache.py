@@ -401,7 +401,7 @@ class ForecastCache:
         if twin is None or kept is None or not self._outlook_is_due(twin_id, kept):
             return False
         found = self._store.history(twin_id, limit=LOOK_FAR_BACK, newest=True)
-        due = self._past.due(twin_id, found)
+        due = self._past.due(twin_id, found, kept.stated)
         for row in due[:most]:
             here = cut(found, row + 1)
             past = self._state_after(
@@ -415,11 +415,14 @@ class ForecastCache:
                 return False
             if past is not None:
                 self._past.keep(twin_id, twin, here, past.state, past.interrupted)
-        more = most is not None and len(due) > most
-        if due and not more:
-            self._widen(twin_id, kept)
+            kept.stated = keys_of(here)[-1]
+        if most is not None and len(due) > most:
+            return True
+        if len(found.states):
             kept.stated = keys_of(found)[-1]
-        return more
+        if due:
+            self._widen(twin_id, kept)
+        return False
 
     def _outlook_is_due(self, twin_id: str, kept: _Kept) -> bool:
         """Whether one may be due: known from the newest rows where all before were kept."""
@@ -443,7 +446,7 @@ class ForecastCache:
         """Give the kept outlooks of a twin with their scores; None where there are none."""
         twin = self._pipeline.twin(twin_id)
         known = self._past.known(twin_id)
-        if twin is None or known is not None:
+        if twin is None or known is not None or not self._store.outlooks(twin_id, None, 1):
             return known
         found = self._store.history(twin_id, limit=LOOK_FAR_BACK, newest=True)
         if not len(found.states):

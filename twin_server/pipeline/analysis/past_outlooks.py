@@ -75,10 +75,18 @@ class PastOutlooks:
         widening = json.loads(rows[0].body)["widening"]
         return {name: one["factor"] for name, one in widening.items()}
 
-    def due(self, twin_id: str, found: History) -> list[int]:
-        """Rows of a history after which an outlook has to be kept, and is not yet."""
+    def due(self, twin_id: str, found: History, stated: Key | None) -> list[int]:
+        """Rows of a history after which an outlook has to be kept, and is not yet.
+
+        Parameters
+        ----------
+        found
+            The history, `LOOK_FAR_BACK`.
+        stated
+            Key up to which all that could be stated is kept; None where that is not known.
+        """
         rows = self._store.outlooks(twin_id, None, 1)
-        last = rows[0].id if rows else -1
+        last = max(rows[0].id if rows else -1, -1 if stated is None else stated)
         return [row for row, key in enumerate(keys_of(found)) if key > last and due_at(key)][
             -KEPT:
         ]
