@@ -154,6 +154,31 @@ def test_the_sentences_tell_them_too(server):
     )
 
 
+def test_the_track_record_is_the_same_by_route_client_and_command(server):
+    record = server.get(f"/api/v1/twins/{TWIN}/forecast/record").json()
+    (bands,) = [
+        one
+        for one in record["quantities"]["stiffness_change"]["coverage"]
+        if one["stated"] == 0.95
+    ]
+    assert record["kept"] == len(record["outlooks"]) > 10
+    assert 0 < bands["held"] <= bands["count"]
+    assert f"of {bands['count']} values foretold, {bands['held']} lay" in record["sentences"][0]
+    told = server.get(f"/api/v1/twins/{TWIN}/forecast").json()
+    assert told["record"] == record["sentences"]
+    # No horizon has passed yet.
+    assert record["thresholds"]["count"] == 0
+    assert told["crossings"][0]["record"] is None
+    with Client(server.url) as client:
+        typed = client.track_record(TWIN)
+        assert client.forecast(TWIN).record == typed.sentences == tuple(record["sentences"])
+    assert [one.held for one in typed.quantities["stiffness_change"].coverage] == [
+        one["held"] for one in record["quantities"]["stiffness_change"]["coverage"]
+    ]
+    _, said = lines_of("forecast", server)
+    assert record["sentences"][0] in " ".join(said.split())
+
+
 SHOWN = """panel => Object.fromEntries([".outlook", ".risk", ".plan"].map((part) =>
   [part, panel.querySelector(part).dataset.since]))"""
 
@@ -177,6 +202,11 @@ def test_the_page_tells_them_too_and_moves_on_with_all_of_them_at_once(
     shown = panel.locator('.risk tr[data-state="softer"]')
     assert shown.get_attribute("aria-label") == state["sentence"]
     assert float(shown.locator("td").nth(3).text_content()) == pytest.approx(value, rel=0.05)
+    record = server.get(f"/api/v1/twins/{TWIN}/forecast/record").json()
+    track = panel.locator(".track .plot[data-points]")
+    track.wait_for()
+    assert track.get_attribute("data-points") == "4"  # one for each central interval
+    assert panel.locator(".track .facts").text_content() == " ".join(record["sentences"])
     # While readings come, all three are of one instant at every moment that is looked at.
     count = server.count()
     server.feed(ageing(6, loss=0.0, sd=0.02, seed=9, first=count))
