@@ -123,10 +123,11 @@ def test_lines_and_files_for_other_programs_tell_them_too(server, tmp_path):
     bands, said = lines_of("forecast", server)
     assert float(bands[-1]["slow_time"]) == told["horizon"] == crossing["horizon"]
     for part in ("value", "sd", "lo", "hi"):
-        assert float(bands[-1][part]) == last["stiffness_change"][part]
+        # Lines are written with nine digits.
+        assert float(bands[-1][part]) == pytest.approx(last["stiffness_change"][part], rel=1e-8)
     assert crossing["sentence"] in " ".join(said.split())
     states, said = lines_of("risk", server)
-    assert float(states[0]["within"]) == pytest.approx(crossing["within"], abs=1e-12)
+    assert float(states[0]["within"]) == pytest.approx(crossing["within"], rel=1e-8)
     assert f"{told['since']:g}" in said
     out = tmp_path / "forecast.json"
     where = ["--server", server.url, "--asset", TWIN, "--out", str(out)]
