@@ -81,26 +81,40 @@ def importance_sample(
     ----------
     .. [1] J.-M. Cornuet et al., "Adaptive multiple importance sampling" (2012).
     """
+    likely = _defined(log_likelihood)
     normal, radial = _even(points, dimensions)
     every = [first(normal)]
     densities: list[Callable[[np.ndarray], np.ndarray]] = [log_first]
-    likelihood = [log_likelihood(every[0])]
+    likelihood = [likely(every[0])]
     for number in range(rounds):
         if number == 0:
             begin = every[0] if starts is None else starts
-            mean, factor = _climbed(log_likelihood, log_prior, begin)
+            mean, factor = _climbed(likely, log_prior, begin)
         else:
             together = np.concatenate(every)
             log = np.concatenate(likelihood) + log_prior(together)
             mean, factor = _fitted(together, log - _mixed(densities, together))
         every.append(mean + (normal * radial[:, None]) @ factor.T)
         densities.append(_t_density(mean, factor))
-        likelihood.append(log_likelihood(every[-1]))
+        likelihood.append(likely(every[-1]))
     together = np.concatenate(every)
     base = log_prior(together) - _mixed(densities, together) - np.log(len(together))
     total = base + np.concatenate(likelihood)
     kept = total > total.max() - 14.0
     return Sample(together[kept], base[kept])
+
+
+def _defined(
+    log_likelihood: Callable[[np.ndarray], np.ndarray],
+) -> Callable[[np.ndarray], np.ndarray]:
+    """Give no likelihood to points so far out in a proposal's tails that a law overflows."""
+
+    def found(points: np.ndarray) -> np.ndarray:
+        with np.errstate(over="ignore", invalid="ignore"):
+            log = log_likelihood(points)
+        return np.asarray(np.where(np.isnan(log), -np.inf, log))
+
+    return found
 
 
 def normal_log_density(points: np.ndarray) -> Float[np.ndarray, " point"]:

@@ -48,6 +48,19 @@ def forecast(
         note(crossing["sentence"])
         if laws := _laws(crossing.get("laws", {})):
             note(f"degradation laws by evidence: {laws}.")
+        if record := crossing.get("record"):
+            note(_record(record))
+    for said in body.get("record", ()) if out != STDOUT else ():
+        note(said)
+
+
+def _record(one: dict[str, Any]) -> str:
+    """Say what came of past statements like one."""
+    return (
+        f"Of {one['count']} past statements like this ({100 * one['low']:.0f} to "
+        f"{100 * one['high']:.0f} %), {one['came_true']} came true; as they overlap, such "
+        f"statements come true in {100 * one['lo']:.0f} to {100 * one['hi']:.0f} % of cases."
+    )
 
 
 def _laws(weights: dict[str, float]) -> str:

@@ -50,6 +50,7 @@ def test_probabilities_that_follow_evidence_do_not_flicker_and_others_do():
     """Draws from an urn: the posterior of what it holds is a martingale."""
     rng = np.random.default_rng(2)
     honest, restless = [], []
+    fixed = {"honest": [], "restless": []}
     for _ in range(4000):
         truth = rng.random() < 0.5
         odds, told = 0.0, []
@@ -61,8 +62,13 @@ def test_probabilities_that_follow_evidence_do_not_flicker_and_others_do():
         honest.append(bench._flicker({"happened": truth, "rows": rows}))
         nervous = [{"crossed": False, "p": 1.0 / (1.0 + (1 / p - 1) ** 2)} for p in told]
         restless.append(bench._flicker({"happened": truth, "rows": nervous}))
+        fixed["honest"].append(bench._movement({"rows": rows}))
+        # From 0.7 and 0.3 on: what is too sure at first has to come back.
+        fixed["restless"].append(bench._movement({"rows": nervous}))
     assert abs(np.mean(honest)) < 4.0 * np.std(honest) / np.sqrt(4000)
     assert np.mean(restless) > 4.0 * np.std(restless) / np.sqrt(4000)
+    found = {name: np.mean(each) / np.std(each) * 4000**0.5 for name, each in fixed.items()}
+    assert abs(found["honest"]) < 4.0 < found["restless"]
 
 
 @pytest.mark.parametrize("low", [0.0, 0.05, 0.4, 0.95, 1.0])

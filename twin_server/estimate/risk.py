@@ -57,6 +57,8 @@ class RiskOrder:
         Slow time of the last reading, and the latest that is looked at.
     unit
         Of slow time.
+    widening
+        Factor of the spread of the futures of each quantity; 1 where none is given.
     """
 
     registration: Registration
@@ -67,6 +69,7 @@ class RiskOrder:
     since: float
     horizon: float
     unit: str
+    widening: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
 
 def risk_answer(twin_id: str, order: RiskOrder) -> dict[str, Any]:
@@ -76,7 +79,7 @@ def risk_answer(twin_id: str, order: RiskOrder) -> dict[str, Any]:
     others from being assessed.
     """
     futures = {
-        name: futures_of(laws, order.common[name], order.horizon)
+        name: futures_of(laws, order.common[name], order.horizon, order.widening.get(name, 1.0))
         for name, laws in order.laws.items()
     }
     found = [_one(spec, order, futures) for spec in order.registration.limit_states]

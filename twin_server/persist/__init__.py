@@ -21,6 +21,7 @@ from .tables.composites import CompositeRow
 from .tables.diagnoses import DiagnosisRow
 from .tables.fatigue import HOUR_NS, FatigueRow
 from .tables.ledger import HeadRow
+from .tables.outlooks import OutlookRow
 from .tables.quarantine import AsideRow
 
 __all__ = [
@@ -39,6 +40,7 @@ __all__ = [
     "FileNote",
     "HeadRow",
     "History",
+    "OutlookRow",
     "PostgresStore",
     "RowNote",
     "RunRow",

@@ -29,6 +29,7 @@ from .tables.checksums import (
     LEDGER,
     LEVELS,
     NUMBERS,
+    OUTLOOKS,
     QUARANTINE,
     TABLES,
     Table,
@@ -41,9 +42,10 @@ from .tables.statements import insert
 logger = logging.getLogger(__name__)
 
 APPLICATION = 0x536C6F77
-VERSION = 256 * LAYOUT + 12
+VERSION = 256 * LAYOUT + 13
 """Layout of the states, and of the tables around them."""
 
+WITHOUT_OUTLOOKS = 256 * LAYOUT + 12
 WITHOUT_CHAINED_ROWS = 256 * LAYOUT + 11
 """The version whose ledger covers registrations, features and reports only."""
 WITHOUT_QUARANTINE = 256 * LAYOUT + 10
@@ -56,13 +58,14 @@ WITHOUT_LEVELS = 256 * LAYOUT + 4
 """Versions before, which lack some tables and nothing else."""
 
 _OLDER = tuple(range(256 * LAYOUT + 1, VERSION))
-_LATER = (LEDGER, HEADS, ASSET_EVENTS, FATIGUE, COMPOSITES, QUARANTINE)
+_LATER = (LEDGER, HEADS, ASSET_EVENTS, FATIGUE, COMPOSITES, QUARANTINE, OUTLOOKS)
 _OF_ALARMS = (DELIVERIES, ACKNOWLEDGEMENTS, *_LATER)
 LACKING: dict[int, tuple[Table, ...]] = {
-    WITHOUT_CHAINED_ROWS: (),
-    WITHOUT_QUARANTINE: (QUARANTINE,),
-    WITHOUT_COMPOSITES: (COMPOSITES, QUARANTINE),
-    WITHOUT_FATIGUE: (FATIGUE, COMPOSITES, QUARANTINE),
+    WITHOUT_OUTLOOKS: (OUTLOOKS,),
+    WITHOUT_CHAINED_ROWS: (OUTLOOKS,),
+    WITHOUT_QUARANTINE: _LATER[5:],
+    WITHOUT_COMPOSITES: _LATER[4:],
+    WITHOUT_FATIGUE: _LATER[3:],
     WITHOUT_ASSET_EVENTS: _LATER[2:],
     WITHOUT_LEDGER: _LATER,
     WITHOUT_DELIVERIES: _OF_ALARMS,

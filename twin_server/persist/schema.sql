@@ -195,5 +195,14 @@ create table quarantine (
   crc integer not null
 );
 create index quarantine_of_twin on quarantine (twin, boot, sequence);
+-- What each twin has stated of its future; `id` names the reading after which it was stated.
+create table outlooks (
+  twin text not null,
+  id integer not null,
+  slow_time real not null,
+  body text not null,
+  crc integer not null,
+  primary key (twin, id)
+);
 -- The last number given to a boot, an event, a diagnosis.
 create table numbers (what text primary key, value integer not null, crc integer not null);

@@ -23,6 +23,7 @@ from .store import History, ThinnedHistory, WriteBatch
 from .tables import asset_events as asset_events_table
 from .tables import deliveries as deliveries_table
 from .tables import ledger as ledger_table
+from .tables import outlooks as outlooks_table
 from .tables import quarantine as quarantine_table
 from .tables.checksums import (
     ACKNOWLEDGEMENTS,
@@ -31,6 +32,7 @@ from .tables.checksums import (
     EVENTS,
     FEATURES,
     HELD,
+    OUTLOOKS,
     QUARANTINE,
     RUNS,
     TWINS,
@@ -164,6 +166,9 @@ class SqlStore(SqlRecords):
             spans = whole(writer, twin_id)
             _delete_derived(writer, spans)
             journal.add(twin_id, [ledger_table.of_act(kinds.ANEW)])
+            # They were stated of states that are others now.
+            gone = outlooks_table.forget(writer, twin_id)
+            journal.remove(OUTLOOKS, (of_key(OUTLOOKS, id=i, twin=twin_id) for i in gone))
             rows = iter(states)
             while part := list(itertools.islice(rows, _ROWS_AT_ONCE)):
                 keys = [row.number << SHIFT | row.sequence for row in part]
@@ -190,8 +195,8 @@ class SqlStore(SqlRecords):
                 build(writer, span.number)
             twin, events = finish()
             derived = "twin = ? and derived = 1"
-            gone = writer.execute(f"select number from events where {derived}", (twin_id,))
-            rows_gone = [of_key(EVENTS, number=row[0], twin=twin_id) for row in gone.fetchall()]
+            old = writer.execute(f"select number from events where {derived}", (twin_id,))
+            rows_gone = [of_key(EVENTS, number=row[0], twin=twin_id) for row in old.fetchall()]
             writer.execute(f"delete from events where {derived}", (twin_id,))
             journal.remove(EVENTS, rows_gone)
             self.write(WriteBatch(twins=[twin], events=list(events)))
@@ -210,7 +215,7 @@ class SqlStore(SqlRecords):
                 writer.execute("delete from held where number = ?", (span.number,))
             for table in (
                 "runs", "events", "diagnoses", "deliveries", "acknowledgements", "asset_events",
-                "fatigue", "quarantine",
+                "fatigue", "quarantine", "outlooks",
             ):  # fmt: skip
                 writer.execute(f"delete from {table} where twin = ?", (twin_id,))
             note_number(writer, "run", following)

@@ -29,6 +29,7 @@ from .tables.composites import CompositeRow
 from .tables.diagnoses import DiagnosisRow
 from .tables.fatigue import FatigueRow
 from .tables.ledger import HeadRow
+from .tables.outlooks import OutlookRow
 from .tables.quarantine import AsideRow
 
 
@@ -301,6 +302,24 @@ class Store(Protocol):
 
     def fatigue(self, twin_id: str) -> list[FatigueRow]:
         """Fatigue messages of a twin in the order of time."""
+        ...
+
+    def add_outlook(self, row: OutlookRow, kept: int) -> None:
+        """Keep an outlook, and the last `kept` of its twin."""
+        ...
+
+    def outlooks(
+        self, twin_id: str, until: int | None = None, limit: int | None = None
+    ) -> list[OutlookRow]:
+        """Read the newest outlooks of a twin that were made up to a reading, in order.
+
+        Parameters
+        ----------
+        until
+            Id of the reading; None for the last.
+        limit
+            At most so many.
+        """
         ...
 
     def set_aside(self, rows: Sequence[AsideRow]) -> None:

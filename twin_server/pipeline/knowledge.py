@@ -25,6 +25,7 @@ from .analysis.forecast_cache import ForecastCache
 from .analysis.plans import STALE, PlanCache
 from .analysis.risk import RiskCache
 from .analysis.simulations import Simulations
+from .analysis.track_record import record_answer
 from .ingestion.estimation import NotEstimatedError
 from .ingestion.pipeline import Pipeline
 from .ingestion.routing import UnknownReceiverError
@@ -191,13 +192,23 @@ class TwinKnowledge:
         prospect, unit = known
         return _outlook(forecast_from_state(prospect, ahead, count, thresholds, unit), unit)
 
-    def risk(self, twin_id: str, horizon: float | None) -> dict[str, Any]:
-        """Return the failure probability of a twin by each of its limit states."""
-        return self._assessing.risk(twin_id, horizon)
+    def track_record(self, twin_id: str) -> dict[str, Any]:
+        """Return the past outlooks of a twin, and what came of them, as REST does."""
+        last = self._store.history(twin_id, limit=1, newest=True)
+        unit = last.boots[last.number[-1]][1] if len(last.states) else None
+        return record_answer(twin_id, self.prospects.verified(twin_id), unit)
 
-    def plan(self, twin_id: str, *, stale: bool = False) -> dict[str, Any]:
+    def risk(
+        self, twin_id: str, horizon: float | None, since: float | None = None
+    ) -> dict[str, Any]:
+        """Return the failure probability of a twin by each of its limit states."""
+        return self._assessing.risk(twin_id, horizon, since)
+
+    def plan(
+        self, twin_id: str, *, stale: bool = False, since: float | None = None
+    ) -> dict[str, Any]:
         """Return the maintenance plan of a twin; with `stale`, one of some readings ago."""
-        return self._planning.plan(twin_id, stale=STALE if stale else 0)
+        return self._planning.plan(twin_id, stale=STALE if stale else 0, since=since)
 
     def conclusion(
         self, twin_id: str, reasons: int | None, suspects: Sequence[str] = ()
@@ -205,10 +216,10 @@ class TwinKnowledge:
         """Answer whether anything is wrong with a twin, with its latest state given."""
         return conclude(self._evidence.evidence(twin_id, reasons, suspects)).to_dict()
 
-    def _assess_anew(self, twin_id: str) -> None:
+    def _assess_anew(self, twin_id: str, since: float | None) -> None:
         """Keep risk and plan of a twin up to date, though nobody asks; none is made in vain."""
-        self._assessing.risk(twin_id, None)
-        self._planning.plan(twin_id)
+        self._assessing.risk(twin_id, None, since)
+        self._planning.plan(twin_id, since=since)
 
     def check(self, twin_id: str, order: SimulationOrder) -> None:
         """Refuse a load that a twin cannot be run under, at no cost."""
@@ -356,6 +367,7 @@ def _outlook(foresight: ChangeForecast, unit: str | None) -> TwinForecast:
         {name: [at for at, _ in one.outlook.jumps] for name, one in foresight.outlooks.items()},
         unit,
         foresight.misfits,
+        foresight.widening,
     )
 
 

@@ -44,6 +44,8 @@ class TwinForecast:
         When each threshold is reached.
     misfits
         Of each quantity that no degradation law fits, a sentence that says so.
+    widening
+        Factor by which the futures of each are spread wider, as past outlooks call for it.
     periods, jumps
         Of each quantity, after how long it repeats itself, if it does; and slow times after
         which its past went elsewhere.
@@ -62,6 +64,7 @@ class TwinForecast:
     jumps: Mapping[str, Sequence[float]] = dataclasses.field(default_factory=dict)
     unit: str | None = None
     misfits: Sequence[str] = ()
+    widening: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
 
 class LedgerProofs(Protocol):
@@ -175,7 +178,13 @@ class Knowledge(Protocol):
         """
         ...
 
-    def risk(self, twin_id: str, horizon: float | None) -> dict[str, Any]:
+    def track_record(self, twin_id: str) -> dict[str, Any]:
+        """Return the past outlooks of a twin, and what came of them, as REST does."""
+        ...
+
+    def risk(
+        self, twin_id: str, horizon: float | None, since: float | None = None
+    ) -> dict[str, Any]:
         """Return the failure probability of a twin by each of its limit states.
 
         Parameters
@@ -184,14 +193,25 @@ class Knowledge(Protocol):
             SITE.ASSET.
         horizon
             Slow time ahead; the default of the registration if None.
+        since
+            Slow time of the reading whose forecast it has to agree with; the last if None, or
+            if that forecast is not kept any more.
 
         Returns
         -------
         Probabilities as REST returns them.
         """
 
-    def plan(self, twin_id: str, *, stale: bool = False) -> dict[str, Any]:
-        """Return the maintenance plan of a twin; with `stale`, one of some readings ago."""
+    def plan(
+        self, twin_id: str, *, stale: bool = False, since: float | None = None
+    ) -> dict[str, Any]:
+        """Return the maintenance plan of a twin; with `stale`, one of some readings ago.
+
+        Parameters
+        ----------
+        since
+            As for `risk`.
+        """
         ...
 
     def heads(self, after: int | None, limit: int) -> list[dict[str, Any]]:

@@ -6,6 +6,7 @@ are compared.
 """
 
 import argparse
+import dataclasses
 import json
 import time
 from collections.abc import Iterable
@@ -14,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from twin_server.estimate.forecast import changes
+from twin_server.estimate.forecast import changes, statements
 from twin_server.registration.thresholds import Limit
 
 from . import histories, oracle
@@ -38,13 +39,14 @@ QUANTITY = "stiffness_change"
 def judge(case: Case, known: dict[str, Any] | None) -> dict[str, Any]:
     """Ask both at each instant: probability of the crossing, and bands at ten times."""
     rows = []
+    kept: list[dict[str, Any]] = []
     for which, instant in enumerate(INSTANTS):
         readings = int(np.searchsorted(case.time, instant + 1e-12, "right"))
         now = float(case.time[readings - 1])
         at = now + (1.0 - now) * np.arange(1, TIMES + 1) / TIMES
         true = np.interp(at, case.fine, case.truth)
         row: dict[str, Any] = {"now": now, "crossed": bool(case.crossed <= now)}
-        row |= _twin(case, readings, at, true)
+        row |= _twin(case, readings, at, true, kept)
         if known is None:
             rng = np.random.default_rng([case.number, which])
             futures = oracle.futures(case, readings, rng)
@@ -64,18 +66,43 @@ def _holds(band: np.ndarray, true: np.ndarray) -> list[bool]:
     return [bool(low <= x <= high) for (low, high), x in zip(band, true, strict=True)]
 
 
-def _twin(case: Case, readings: int, at: np.ndarray, true: np.ndarray) -> dict[str, Any]:
-    """Forecast as the server does, learning from all readings up to now."""
+def _past(case: Case, readings: int) -> dict[str, changes.Past]:
     when = case.unit * case.time[:readings]
-    past = {
+    return {
         QUANTITY: changes.Past(when, case.value[:readings], np.full(readings, case.sd), 0.0)
     }
+
+
+def _widening(case: Case, readings: int, kept: list[dict[str, Any]]) -> float:
+    """Factor of the spread by what came of the statements so far, which are kept first."""
+    first = kept[-1]["sequence"] + 1 if kept else 0
+    for sequence in range(first, readings - 1):
+        if statements.is_due(sequence):
+            past = _past(case, sequence + 1)
+            state = changes.forecast_state_of(past, changes.learn(past))
+            assert state is not None
+            kept.append(statements.state_outlook(state, None, ()) | {"sequence": sequence})
+    known = statements.truth_of(_past(case, readings))
+    score = statements.verify(kept[-statements.KEPT :], known).quantities[QUANTITY]
+    return score.widening.factor
+
+
+def _twin(
+    case: Case, readings: int, at: np.ndarray, true: np.ndarray, kept: list[dict[str, Any]]
+) -> dict[str, Any]:
+    """Forecast as the server does, learning from all readings up to now."""
+    past = _past(case, readings)
+    when = past[QUANTITY].slow_time
     begun = time.process_time()
     state = changes.forecast_state_of(past, changes.learn(past))
     assert state is not None
     limit = Limit(QUANTITY, case.threshold, "below")
-    told = changes.forecast_from_state(state, case.unit - when[-1], TIMES, (limit,))
+    horizon = float(case.unit - when[-1])
+    bare = changes.forecast_from_state(state, horizon, TIMES, (limit,))
     spent = time.process_time() - begun
+    factor = _widening(case, readings, kept)
+    wider = dataclasses.replace(state, widening={QUANTITY: factor})
+    told = changes.forecast_from_state(wider, horizon, TIMES, (limit,))
     life, band = told.crossings[0][1], told.bands[QUANTITY]
     # Probability below the true time: of one beyond the end, only the ends are known.
     place = [life.within, 1.0]
@@ -83,7 +110,11 @@ def _twin(case: Case, readings: int, at: np.ndarray, true: np.ndarray) -> dict[s
         place = [float(life.cdf(min(case.crossed * case.unit, life.horizon)))] * 2
     return {
         "p": life.within, "place": place, "holds": _holds(band[:, 2:], true),
-        "width": float(band[-1, 3] - band[-1, 2]), "seconds": spent,
+        "width": float(band[-1, 3] - band[-1, 2]), "seconds": spent, "widening": factor,
+        "bare": {
+            "p": bare.crossings[0][1].within,
+            "holds": _holds(bare.bands[QUANTITY][:, 2:], true),
+        },
         "laws": {name: round(share, 3) for name, share in life.weights.items() if share > 0.01},
     }  # fmt: skip
 
@@ -113,8 +144,9 @@ def table(results: Iterable[dict[str, Any]], before: dict[tuple[str, int], Any])
     lines = [
         "| law | outlooks | bands hold [%] | at the end | oracle's | Brier score | oracle's "
         "| excess over that before | sure, right | log score over the oracle's [nat] "
-        "| life held by 10–90 % [%] | late | early | flicker |",
-        "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|",
+        "| life held by 10–90 % [%] | late | early | flicker | at fixed dates "
+        "| widened by | bands held without [%] | Brier score without |",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     announced = [one for one in every if one["law"] != histories.JUMPS]
     for name, part in [
@@ -150,16 +182,26 @@ def _line(name: str, part: list[dict[str, Any]], before: dict[tuple[str, int], A
     sure_oracle = int(np.sum((known <= SURE) | (known >= 1.0 - SURE)))
     logs = [-np.log(np.clip(np.where(y == 1, q, 1 - q), LEAST, 1)).mean() for q in (p, known)]
     middle, late, early = np.mean([_place(*row["place"]) for _, row in asked], axis=0)
-    moved = np.array([_flicker(one) for one in part])
-    error = moved.std(ddof=1) / np.sqrt(len(moved)) if len(moved) > 1 else np.nan
+    flicker, fixed = (_interval([of(one) for one in part]) for of in (_flicker, _movement))
+    # Results of a version that did not widen have nothing beside.
+    bare = [row.get("bare", row) for _, row in asked]
+    without = np.array([row.get("bare", row)["holds"] for one in part for row in one["rows"]])
+    narrow = np.mean((np.array([row["p"] for row in bare]) - y) ** 2)
+    factor = np.mean([row.get("widening", 1.0) for one in part for row in one["rows"]])
     return (
         f"| {name} | {len(asked)} | {100 * held.mean():.1f} | {100 * held[:, -1].mean():.1f} "
         f"| {100 * oracles.mean():.1f} | {np.mean((p - y) ** 2):.3f} "
         f"| {np.mean((known - y) ** 2):.3f} | {ratio} "
         f"| {right} of {int(sure.sum())} (oracle {sure_oracle}) | {logs[0] - logs[1]:.2f} "
         f"| {100 * middle:.1f} | {100 * late:.1f} | {100 * early:.1f} "
-        f"| {moved.mean():+.3f} ± {1.96 * error:.3f} |"
+        f"| {flicker} | {fixed} | {factor:.2f} | {100 * without.mean():.1f} | {narrow:.3f} |"
     )
+
+
+def _interval(values: list[float]) -> str:
+    """Mean of independent values with the half width of its 95 % interval."""
+    error = np.std(values, ddof=1) / np.sqrt(len(values)) if len(values) > 1 else np.nan
+    return f"{np.mean(values):+.3f} ± {1.96 * error:.3f}"
 
 
 def _same(before: dict[tuple[str, int], Any], one: Any, row: Any) -> Any:
@@ -184,9 +226,24 @@ def _flicker(one: dict[str, Any]) -> float:
     .. [1] N. Augenblick and M. Rabin, "Belief movement, uncertainty reduction, and rational
        updating" (2021).
     """
-    happened = float(one["happened"])
-    p = np.array([1.0 if row["crossed"] else row["p"] for row in one["rows"]] + [happened])
+    p = np.append(_told(one), float(one["happened"]))
     return float(np.sum(np.diff(p) ** 2) - p[0] * (1.0 - p[0]))
+
+
+def _movement(one: dict[str, Any]) -> float:
+    r"""Movement of a probability between fixed dates, less the uncertainty that it resolves.
+
+    Of a martingale, the mean of :math:`\sum (\Delta p)^2 - p_0 (1 - p_0) + p_T (1 - p_T)` is
+    zero, whatever comes after the last date :math:`T`: increments are uncorrelated, so that
+    :math:`\operatorname{E} \sum (\Delta p)^2 = \operatorname{E}[p_T^2 - p_0^2]`.
+    """
+    p = _told(one)
+    left = p * (1.0 - p)
+    return float(np.sum(np.diff(p) ** 2) - left[0] + left[-1])
+
+
+def _told(one: dict[str, Any]) -> np.ndarray:
+    return np.array([1.0 if row["crossed"] else row["p"] for row in one["rows"]])
 
 
 def main(arguments: list[str] | None = None) -> int:

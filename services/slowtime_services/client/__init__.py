@@ -24,8 +24,10 @@ from .answers import (
     PlanInformation,
     PlanOption,
     Question,
+    ReliabilityClass,
     Risk,
     State,
+    TrackRecord,
     Twin,
 )
 from .client import Client, Live
@@ -55,8 +57,10 @@ __all__ = [
     "PlanOption",
     "Pool",
     "Question",
+    "ReliabilityClass",
     "Risk",
     "State",
+    "TrackRecord",
     "Twin",
     "UnreachableError",
 ]

@@ -146,6 +146,33 @@ class Distribution(Answer):
     probability: tuple[float, ...] = ()
 
 
+class ReliabilityClass(Answer):
+    """Past statements whose probabilities lie between two limits, and what came of them.
+
+    Parameters
+    ----------
+    low, high
+        Limits of the probabilities.
+    stated
+        Their mean.
+    count, came_true
+        Statements whose horizon has passed, and those that came true.
+    effective
+        How many independent statements they are worth, as they overlap.
+    lo, hi
+        95 % interval of how often such statements come true.
+    """
+
+    low: float
+    high: float
+    stated: float
+    count: int
+    came_true: int
+    effective: float
+    lo: float
+    hi: float
+
+
 class Crossing(Answer):
     """When a threshold is first crossed: a distribution.
 
@@ -177,6 +204,7 @@ class Crossing(Answer):
     already: float
     laws: dict[str, float] = {}
     horizon: float | None = None
+    record: ReliabilityClass | None = None
     sentence: str
 
 
@@ -192,6 +220,55 @@ class Forecast(Answer):
     valid: bool
     reasons: tuple[str, ...]
     warnings: tuple[str, ...] = ()
+    widening: dict[str, float] = {}
+    record: tuple[str, ...] = ()
+
+
+class Coverage(Answer):
+    """How often a central interval held: stated probability, and a 95 % interval of it."""
+
+    stated: float
+    count: int
+    held: int
+    lo: float
+    hi: float
+
+
+class Widening(Answer):
+    """Factor of the spread of futures, and the probability that the spread was not right."""
+
+    factor: float = 1.0
+    probability: float = 0.5
+    effective: float = 0.0
+
+
+class QuantityRecord(Answer):
+    """What came of the bands of one quantity."""
+
+    coverage: tuple[Coverage, ...]
+    widening: Widening
+
+
+class ThresholdRecord(Answer):
+    """What came of statements on thresholds; `brier` is None where none has been decided."""
+
+    count: int
+    came_true: int
+    effective: float
+    brier: float | None
+    classes: tuple[ReliabilityClass, ...]
+
+
+class TrackRecord(Answer):
+    """What came of the past outlooks of a twin, up to the slow time `since`."""
+
+    id: str
+    since: float | None
+    kept: int
+    quantities: dict[str, QuantityRecord]
+    thresholds: ThresholdRecord
+    sentences: tuple[str, ...]
+    reasons: tuple[str, ...]
 
 
 class PlanTime(Answer):

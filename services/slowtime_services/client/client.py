@@ -23,6 +23,7 @@ from .answers import (
     MaintenancePlan,
     Risk,
     State,
+    TrackRecord,
     Twin,
 )
 from .composite_answers import Composite, CompositeBrief
@@ -234,6 +235,10 @@ class Client:
         """Return the forecast of a twin, and when thresholds are reached."""
         query = {"horizon": horizon, "points": points, "threshold": threshold}
         return Forecast.model_validate(self.json("GET", f"/twins/{twin_id}/forecast", query))
+
+    def track_record(self, twin_id: str) -> TrackRecord:
+        """Return what came of the past outlooks of a twin: coverage, reliability, scores."""
+        return TrackRecord.model_validate(self.json("GET", f"/twins/{twin_id}/forecast/record"))
 
     def plan(self, twin_id: str) -> MaintenancePlan:
         """Return the recommended action for a twin's structure, with date and reasons."""

@@ -98,6 +98,27 @@ class SampledFutures:
     chance: Float[np.ndarray, " path"]
     weights: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
+    def widened(self, factor: float) -> "SampledFutures":
+        """Move every future away from their median by a factor, at each instant.
+
+        Parameters
+        ----------
+        factor
+            Spread over the present one, at least 1.
+
+        Returns
+        -------
+        Futures whose median is as before; diffusion between instants grows likewise.
+        """
+        if factor == 1.0:
+            return self
+        middle = np.median(self.paths, axis=0)
+        return dataclasses.replace(
+            self,
+            paths=middle + factor * (self.paths - middle),
+            roughness=factor**2 * self.roughness,
+        )
+
     def failure_time(
         self,
         threshold: float,

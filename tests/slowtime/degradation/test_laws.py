@@ -7,7 +7,15 @@ from scipy import stats
 from slowtime import degradation
 from slowtime.degradation import CurveLaw, Event, FleetPrior, pooled
 from slowtime.degradation.curve_posterior import NOMINAL_SD
-from slowtime.degradation.curves import FADE, LINEAR, POWER, Curve, crack, edge_flexibility
+from slowtime.degradation.curves import (
+    FADE,
+    LINEAR,
+    POWER,
+    RUNAWAY,
+    Curve,
+    crack,
+    edge_flexibility,
+)
 from slowtime.degradation.gamma_process import GammaLaw
 from slowtime.degradation.history import LEVEL_WIDTH, history_of
 from slowtime.degradation.wiener import NODES, SIGMA, WIDTH, WienerLaw
@@ -29,6 +37,18 @@ def test_the_evidence_of_a_straight_line_is_the_density_of_a_gaussian_vector():
         history.value, np.full(50, history.centre), covariance
     )
     assert CurveLaw(LINEAR).learn(history).log_evidence == pytest.approx(exact, abs=1e-6)
+
+
+def test_noise_that_laws_overflow_on_is_learnt_from_all_the_same():
+    value = [
+        0.0186, -0.0433, -0.0272, -0.0348, -0.0115, 0.0168, 0.0468, 0.0284, 0.0235, -0.0185,
+        0.0063, 0.0233, 0.0101, 0.0059, -0.0511, -0.0058, 0.0343, 0.0177, -0.0001, -0.0221,
+        0.024, 0.0117, -0.0599,
+    ]  # fmt: skip
+    posterior = CurveLaw(RUNAWAY).learn(
+        history_of(np.arange(23.0), np.array(value), np.full(23, 0.025))
+    )
+    assert np.isfinite(posterior.log_evidence)
 
 
 def test_the_evidence_of_a_fade_is_the_integral_over_its_rate():

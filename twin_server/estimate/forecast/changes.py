@@ -87,6 +87,8 @@ class ChangeForecast:
         When each threshold that was asked for is reached, by all degradation laws together.
     misfits
         Of each quantity that no degradation law fits, a sentence that says so.
+    widening
+        Factor by which the futures of each are spread wider, see `ForecastState`.
     """
 
     since: float
@@ -98,6 +100,7 @@ class ChangeForecast:
     reasons: tuple[str, ...]
     crossings: tuple[tuple[Limit, RemainingLife], ...] = ()
     misfits: tuple[str, ...] = ()
+    widening: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -111,6 +114,9 @@ class ForecastState:
         degradation laws, and `Past.common` as it was when that was learnt.
     first, since
         Slow times of the first reading that is used, and of the last.
+    widening
+        Factor by which the futures of each are spread wider, as its past outlooks were too
+        sure; 1 where none is given (`statements`).
     """
 
     begun: Mapping[str, Continuation]
@@ -118,6 +124,12 @@ class ForecastState:
     common: Mapping[str, float]
     first: float
     since: float
+    widening: Mapping[str, float] = dataclasses.field(default_factory=dict)
+
+    def futures(self, name: str, horizon: float) -> SampledFutures:
+        """Draw the futures of one quantity, of which everything told is a view."""
+        widening = self.widening.get(name, 1.0)
+        return futures_of(self.laws[name], self.common[name], horizon, widening)
 
 
 class Past(NamedTuple):
@@ -148,9 +160,15 @@ class Past(NamedTuple):
         return self.factor * own
 
 
-def past_of(states: States, known: NominalInUse | None) -> dict[str, Past]:
-    """Take the changes of a twin of one mode that are estimated, from its valid states."""
-    used = states[states["reasons"] == 0][-MOST:]
+def past_of(states: States, known: NominalInUse | None, most: int = MOST) -> dict[str, Past]:
+    """Take the changes of a twin of one mode that are estimated, from its valid states.
+
+    Parameters
+    ----------
+    most
+        Valid states that are used: the newest.
+    """
+    used = states[states["reasons"] == 0][-most:]
     if known is None or not len(used):
         return {}
     time, common = np.ascontiguousarray(used["slow_time"]), 2.0 * known.frequency_relative_sd
@@ -161,12 +179,20 @@ def past_of(states: States, known: NominalInUse | None) -> dict[str, Past]:
     return past
 
 
-def past_of_elements(states: States, bodies: Bodies, memory: Memory | None) -> dict[str, Past]:
-    """Take the changes of each parameter of a twin of elements from its valid states."""
+def past_of_elements(
+    states: States, bodies: Bodies, memory: Memory | None, most: int = MOST_OF_ELEMENTS
+) -> dict[str, Past]:
+    """Take the changes of each parameter of a twin of elements from its valid states.
+
+    Parameters
+    ----------
+    most
+        Valid states that are used: the newest.
+    """
     if memory is None or not bodies:
         return {}
     rows = [row for row in np.flatnonzero(states["reasons"] == 0).tolist() if bodies[row]]
-    rows = rows[-MOST_OF_ELEMENTS:]
+    rows = rows[-most:]
     told = [from_json(bodies[row] or b"")["elements"] for row in rows]
     time = np.ascontiguousarray(states["slow_time"][rows])
     factor = sd_factor(covered_share(states[rows]))
@@ -349,10 +375,7 @@ def forecast_from_state(
     since, span = prospect.since, prospect.since - prospect.first
     end = since + (horizon or span)
     later = since + (end - since) * np.arange(1, count + 1) / count
-    futures = {
-        name: futures_of(laws, prospect.common[name], end)
-        for name, laws in prospect.laws.items()
-    }
+    futures = {name: prospect.futures(name, end) for name in prospect.laws}
     bands = {name: _band(drawn, later) for name, drawn in futures.items()}
     until = min((_informed_until(prospect, name) for name in prospect.begun), default=end)
     reasons: tuple[str, ...] = ()
@@ -374,8 +397,9 @@ def forecast_from_state(
     warnings = {name: laws.warning for name, laws in prospect.laws.items()}
     misfits = tuple(f"{name}: {text}" for name, text in warnings.items() if text)
     return ChangeForecast(
-        since, end, later, bands, float(until), used, reasons, crossings, misfits
-    )
+        since, end, later, bands, float(until), used, reasons, crossings, misfits,
+        prospect.widening,
+    )  # fmt: skip
 
 
 def _informed_until(prospect: ForecastState, name: str) -> float:

@@ -14,7 +14,9 @@ POINTS = 120
 """Steps from the last reading to the horizon [1]."""
 
 
-def futures_of(laws: Mixture, common: float, horizon: float) -> SampledFutures:
+def futures_of(
+    laws: Mixture, common: float, horizon: float, widening: float = 1.0
+) -> SampledFutures:
     """Draw the futures of one quantity; the same state and horizon give the same futures.
 
     Parameters
@@ -26,13 +28,15 @@ def futures_of(laws: Mixture, common: float, horizon: float) -> SampledFutures:
         own.
     horizon
         Slow time up to which is looked.
+    widening
+        Factor of their spread [1], as past outlooks call for it.
 
     Returns
     -------
     Futures with that error in them. No change is below -1: they end there, which keeps their
     probability.
     """
-    drawn = laws.futures(horizon, points=POINTS, paths=PATHS)
+    drawn = laws.futures(horizon, points=POINTS, paths=PATHS).widened(widening)
     shared = common * np.abs(1.0 + drawn.paths) * drawn.common[:, None]
     return dataclasses.replace(
         drawn, paths=np.maximum(drawn.paths + shared, BOUND), common=np.zeros(PATHS)

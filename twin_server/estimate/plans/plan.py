@@ -55,6 +55,8 @@ class PlanOrder:
         Slow time from the first reading that is used to the last.
     unit
         Of slow time, as messages name it; None where none was given.
+    widening
+        Factor of the spread of the futures [1].
     """
 
     costs: CostTable
@@ -66,6 +68,7 @@ class PlanOrder:
     pace: float | None
     age: float
     unit: str | None = None
+    widening: float = 1.0
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -139,7 +142,7 @@ def damage_futures(order: PlanOrder, unit: float) -> Ensemble:
     """
     failure, laws = order.decision.failure, order.laws
     horizon = laws.now + order.decision.horizon * unit
-    drawn = futures_of(laws, order.common, horizon)
+    drawn = futures_of(laws, order.common, horizon, order.widening)
     grid = np.linspace(0.0, order.decision.horizon, POINTS + 1)
     damage = drawn.paths / failure.at
     toward: Literal["above", "below"] = "above" if failure.below is None else "below"

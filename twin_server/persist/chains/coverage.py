@@ -21,6 +21,7 @@ from twin_server.persist.tables.checksums import (
     EVENTS,
     FATIGUE,
     HELD,
+    OUTLOOKS,
     QUARANTINE,
     RUNS,
     TWINS,
@@ -131,6 +132,7 @@ COVERED: dict[str, Coverage] = {
         ),
         _of_twin(QUARANTINE, "q", "number"),
         _of_twin(FATIGUE, "y", "boot", "hour"),
+        _of_twin(OUTLOOKS, "w", "id"),
     )
 }
 """Tables whose rows have entries, by their names."""

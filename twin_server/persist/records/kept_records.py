@@ -14,7 +14,14 @@ from twin_server.persist.tables import deliveries as deliveries_table
 from twin_server.persist.tables import diagnoses as diagnoses_table
 from twin_server.persist.tables import fatigue as fatigue_table
 from twin_server.persist.tables import ledger as ledger_table
-from twin_server.persist.tables.checksums import COMPOSITES, DELIVERIES, DIAGNOSES, FATIGUE
+from twin_server.persist.tables import outlooks as outlooks_table
+from twin_server.persist.tables.checksums import (
+    COMPOSITES,
+    DELIVERIES,
+    DIAGNOSES,
+    FATIGUE,
+    OUTLOOKS,
+)
 from twin_server.persist.tables.composites import CompositeRow
 from twin_server.persist.tables.counted import count_of
 from twin_server.persist.tables.diagnoses import DiagnosisRow
@@ -24,7 +31,7 @@ from .quarantine import QuarantineTable
 
 
 class SqlRecords(QuarantineTable):
-    """Diagnoses, deliveries, composites, reported events, fatigue, and the ledger."""
+    """Diagnoses, deliveries, composites, reported events, fatigue, outlooks, the ledger."""
 
     def add_diagnosis(self, row: DiagnosisRow, kept: int) -> int:
         """Keep a diagnosis that was asked for, and the last `kept` of its twin; its number."""
@@ -161,3 +168,17 @@ class SqlRecords(QuarantineTable):
         """Read the fatigue messages of a twin in the order of time."""
         with self._reading() as reader:
             return fatigue_table.select(reader, twin_id)
+
+    def add_outlook(self, row: outlooks_table.OutlookRow, kept: int) -> None:
+        """Keep an outlook, and the last `kept` of its twin."""
+        with self._chaining() as (writer, journal):
+            gone = outlooks_table.add(writer, row, kept)
+            journal.put(OUTLOOKS, [row])
+            journal.remove(OUTLOOKS, (of_key(OUTLOOKS, id=i, twin=row.twin) for i in gone))
+
+    def outlooks(
+        self, twin_id: str, until: int | None = None, limit: int | None = None
+    ) -> list[outlooks_table.OutlookRow]:
+        """Read the newest outlooks of a twin that were made up to a reading, in order."""
+        with self._reading() as reader:
+            return outlooks_table.select(reader, twin_id, until, limit)

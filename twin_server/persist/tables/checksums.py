@@ -84,6 +84,7 @@ COMPOSITES = _table("composites", "number composite t_ns principal body", "numbe
 LEDGER = _table("ledger", "twin count entries link", "twin, count")
 HEADS = _table("heads", "number t_ns body", "number")
 FATIGUE = _table("fatigue", "twin boot hour sequence t_ns message", "twin, boot, hour")
+OUTLOOKS = _table("outlooks", "twin id slow_time body", "twin, id")
 QUARANTINE = _table(
     "quarantine",
     "number twin boot sequence set_ns key why accepted dropped message",
@@ -93,7 +94,7 @@ NUMBERS = _table("numbers", "what value", "what")
 TABLES = (
     TWINS, RUNS, FEATURES, DETAILS, LEVELS, DIGESTS, HELD, EVENTS, DIAGNOSES, DELIVERIES,
     ACKNOWLEDGEMENTS, ASSET_EVENTS, LEDGER, HEADS, FATIGUE, COMPOSITES,
-    QUARANTINE,
+    QUARANTINE, OUTLOOKS,
     NUMBERS,
 )  # fmt: skip
 

@@ -28,17 +28,15 @@ from twin_server.estimate import (
     forecast_from_state,
     forecast_state_of,
     learn,
-    past_of,
-    past_of_elements,
 )
 from twin_server.estimate.forecast.known_events import (
     KnownEvents,
     come_after,
+    jump_times,
     known_of,
 )
 from twin_server.events.asset_events import TOLD, effective
 from twin_server.fairness import ALONE, Holder, acting_for, current_holder
-from twin_server.history.states import States
 from twin_server.persist import History, Store
 from twin_server.pipeline.analysis.learning_input import (
     LOOK_BACK,
@@ -54,6 +52,15 @@ from twin_server.pipeline.analysis.learning_input import (
     since_last_renewal,
     update_behind,
 )
+from twin_server.pipeline.analysis.past_outlooks import (
+    LOOK_FAR_BACK,
+    PastOutlooks,
+    Verified,
+    cut,
+    due_at,
+    keys_of,
+    past_states,
+)
 from twin_server.pipeline.ingestion.pipeline import Pipeline
 from twin_server.pipeline.ingestion.updates import TwinUpdate
 from twin_server.pipeline.monitoring.model_changes import BUSY
@@ -68,9 +75,15 @@ MOST_KEPT = 500
 MOST_WAITING = 256
 """States of a twin that wait to be taken in by who asks next; more are taken in before."""
 
+TOLD_STATES = 2
+"""Latest states of a twin that a forecast was told of: risk and plan are told of the same."""
+
 ANSWERS = 16
 """Forecasts that are kept of a twin until its next reading."""
 
+
+A_TURN = 4
+"""Past outlooks of one twin that are stated before other twins have their turn."""
 
 _PAUSE_S = 0.5
 """Interval at which the background thread looks for work [s]."""
@@ -97,8 +110,10 @@ class _Kept:
     changes: dict[str, list[float]] = dataclasses.field(default_factory=dict)
     told: "_ToldEvents" = dataclasses.field(default_factory=lambda: _ToldEvents((), {}))
     answers: dict[Any, ChangeForecast] = dataclasses.field(default_factory=dict)
+    told_states: dict[float, ForecastState] = dataclasses.field(default_factory=dict)
     crossings: tuple[tuple[Limit, RemainingLife], ...] = ()
     since_told: int = 0
+    stated: Key | None = None
     sound: bool = False
     asked: bool = False
     holder: Holder = ALONE
@@ -118,6 +133,13 @@ class CachedForecast(NamedTuple):
     unit: str | None
 
 
+class _PastState(NamedTuple):
+    """What was believed after the last row of a history, and what had interrupted it."""
+
+    state: ForecastState
+    interrupted: list[float]
+
+
 class ForecastCache:
     """Forecast states of the twins that are asked for, advanced by the updates of each.
 
@@ -128,7 +150,8 @@ class ForecastCache:
     run
         Where is learnt; by default in the thread that asks.
     on_renewed
-        Called in the background with each twin whose future is watched, as it is told anew.
+        Called in the background with each twin whose future is watched, as it is told anew, and
+        the slow time of the reading that it is told of.
     """
 
     def __init__(
@@ -138,12 +161,13 @@ class ForecastCache:
         *,
         refresh: int = 25,
         run: Run = lambda function, *arguments: function(*arguments),
-        on_renewed: Callable[[str], object] = lambda _: None,
+        on_renewed: Callable[[str, float | None], object] = lambda *_: None,
     ) -> None:
         self._pipeline, self._store = pipeline, store
         self._refresh, self._run, self._on_renewed = refresh, run, on_renewed
         self._kept: collections.OrderedDict[str, _Kept] = collections.OrderedDict()
         self._lock = threading.Lock()
+        self._past = PastOutlooks(store)
         self._of_the_past: dict[str, tuple[LearningInput, LearntLaws]] = {}
         self._due: dict[str, None] = {}
         self._changed = threading.Condition()
@@ -190,6 +214,7 @@ class ForecastCache:
         with self._lock:
             self._kept.pop(twin_id, None)
             self._of_the_past.pop(twin_id, None)
+        self._past.forget(twin_id)
 
     def foresee(
         self, twin_id: str, horizon: float | None, count: int, thresholds: tuple[Limit, ...]
@@ -228,6 +253,11 @@ class ForecastCache:
                 if kept.prospect is prospect and len(kept.answers) < ANSWERS:
                     kept.answers[asked] = known
                 self._tell_crossings(twin_id, kept, horizon, known)
+        with kept.lock:
+            kept.told_states.pop(prospect.since, None)
+            kept.told_states[prospect.since] = prospect
+            while len(kept.told_states) > TOLD_STATES:
+                kept.told_states.pop(next(iter(kept.told_states)))
         return CachedForecast(known, unit)
 
     def _tell_crossings(
@@ -270,10 +300,25 @@ class ForecastCache:
         with kept.lock:
             kept.crossings = () if told is None else told.foresight.crossings
             kept.since_told = 0
-        self._on_renewed(twin_id)
+        self._on_renewed(twin_id, None if told is None else told.foresight.since)
 
-    def prospect(self, twin_id: str) -> ForecastState | None:
-        """Return the cached state of a twin at its last reading; None if readings are few."""
+    def prospect(self, twin_id: str, since: float | None = None) -> ForecastState | None:
+        """Return the cached state of a twin at its last reading; None if readings are few.
+
+        Parameters
+        ----------
+        twin_id
+            SITE.ASSET.
+        since
+            Slow time of a reading: the state that a forecast was told of then, if it is still
+            kept.
+        """
+        kept = self._kept.get(twin_id)
+        if kept is not None and since is not None:
+            with kept.lock:
+                told = kept.told_states.get(since)
+            if told is not None:
+                return told
         kept = self._up_to_date(twin_id)
         return None if kept is None else kept.prospect
 
@@ -303,19 +348,112 @@ class ForecastCache:
         )
         if twin is None or not len(found.states):
             return None
-        found, changes = self._since_renewal(twin_id, found)
-        told = self._told_of(twin, twin_id, found, until=(t_ns, slow_time))
+        past = self._state_after(twin, twin_id, found, (t_ns, slow_time))
+        if past is None:
+            return None
+        factors = self._past.factors(twin_id, keys_of(found)[-1])
+        state = dataclasses.replace(past.state, widening=factors)
+        return state, found.boots[found.number[-1]][1]
+
+    def _state_after(
+        self,
+        twin: Twin,
+        twin_id: str,
+        found: History,
+        until: tuple[int | None, float | None],
+    ) -> _PastState | None:
+        """Compute the state after the last row of a history, from what was known then."""
+        found, changes, renewals = self._since_renewal(
+            twin_id, found, int(found.states["t_ns"].max())
+        )
+        told = self._told_of(twin, twin_id, found, until=until)
         rows = NewestRows.of(found.number, found.states)
         last = learning_mark(rows, changes, told.known, self._refresh)
         learnt_from = learning_input_of(twin, rows, last, changes, told.known)
-        known = self._of_the_past.get(twin_id)
+        kept, known = self._kept.get(twin_id), self._of_the_past.get(twin_id)
         if known is None or known[0] != learnt_from:
-            known = learnt_from, self._learn(twin, found, last, learnt_from)
+            laws = None
+            if kept is not None:
+                with kept.lock:
+                    laws = kept.laws if kept.learnt_from == learnt_from else None
+            known = learnt_from, laws or self._learn(twin, found, last, learnt_from)
             if len(self._of_the_past) >= MOST_KEPT:
                 self._of_the_past.clear()
             self._of_the_past[twin_id] = known
-        prospect = _forecast_state(twin, found, last, known[1], told.known)
-        return None if prospect is None else (prospect, found.boots[found.number[-1]][1])
+        state = _forecast_state(twin, found, last, known[1], told.known)
+        interrupted = _interrupted(renewals, told.known)
+        return None if state is None else _PastState(state, interrupted)
+
+    def keep_outlooks(self, twin_id: str, most: int | None = None) -> bool:
+        """State and keep the outlooks of a twin that are due, the oldest first.
+
+        Parameters
+        ----------
+        most
+            At most so many now; None for all.
+
+        Returns
+        -------
+        Whether more are due.
+        """
+        twin = self._pipeline.twin(twin_id)
+        kept = self._kept.get(twin_id)
+        if twin is None or kept is None or not self._outlook_is_due(twin_id, kept):
+            return False
+        found = self._store.history(twin_id, limit=LOOK_FAR_BACK, newest=True)
+        due = self._past.due(twin_id, found, kept.stated)
+        for row in due[:most]:
+            here = cut(found, row + 1)
+            past = self._state_after(
+                twin,
+                twin_id,
+                cut(found, row + 1, LOOK_BACK),
+                (int(here.states["t_ns"][-1]), float(here.states["slow_time"][-1])),
+            )
+            # Of a history that was rewritten meanwhile nothing is kept.
+            if self._kept.get(twin_id) is not kept or self._pipeline.twin(twin_id) is None:
+                return False
+            if past is not None:
+                self._past.keep(twin_id, twin, here, past.state, past.interrupted)
+            kept.stated = keys_of(here)[-1]
+        if most is not None and len(due) > most:
+            return True
+        if len(found.states):
+            kept.stated = keys_of(found)[-1]
+        if due:
+            self._widen(twin_id, kept)
+        return False
+
+    def _outlook_is_due(self, twin_id: str, kept: _Kept) -> bool:
+        """Whether one may be due: known from the newest rows where all before were kept."""
+        with kept.lock:
+            rows, stated = kept.rows, kept.stated
+        if rows is None or stated is None:
+            return True
+        return any(due_at(key) for key in rows.keys[rows.keys > stated].tolist())
+
+    def _widen(self, twin_id: str, kept: _Kept) -> None:
+        """Take over the spread that past outlooks call for."""
+        with kept.lock:
+            last = kept.last
+        factors = self._past.factors(twin_id, last)
+        with kept.lock:
+            if kept.prospect is not None and dict(kept.prospect.widening) != factors:
+                kept.prospect = dataclasses.replace(kept.prospect, widening=factors)
+                kept.answers.clear()
+
+    def verified(self, twin_id: str) -> Verified | None:
+        """Give the kept outlooks of a twin with their scores; None where there are none."""
+        twin = self._pipeline.twin(twin_id)
+        known = self._past.known(twin_id)
+        if twin is None or known is not None or not self._store.outlooks(twin_id, None, 1):
+            return known
+        found = self._store.history(twin_id, limit=LOOK_FAR_BACK, newest=True)
+        if not len(found.states):
+            return None
+        _, _, renewals = self._since_renewal(twin_id, found)
+        told = self._told_of(twin, twin_id, found)
+        return self._past.verify(twin_id, twin, found, _interrupted(renewals, told.known))
 
     def _up_to_date(self, twin_id: str) -> _Kept | None:
         twin = self._pipeline.twin(twin_id)
@@ -329,6 +467,8 @@ class ForecastCache:
             due = not kept.sound or kept.learnt_from != self._learning_input(kept, twin)
         if due and (not ready or self._thread is None):
             self._renew(twin_id, kept)
+            if self._thread is not None:  # past outlooks are stated behind the answer
+                self._ask(twin_id)
         elif due:
             self._ask(twin_id)
         return kept
@@ -364,7 +504,7 @@ class ForecastCache:
                 continue
             numbers = [number for number, _, _ in news.runs]
             first = numbers[0] << SHIFT | int(news.states["sequence"][0])
-            past = _past_states(twin, news.states, news.bodies)
+            past = past_states(twin, news.states, news.bodies)
             try:
                 if first <= kept.last:
                     raise ValueError
@@ -405,7 +545,7 @@ class ForecastCache:
             found = self._store.history(twin_id, limit=LOOK_BACK, newest=True)
             if not len(found.states):
                 return
-            found, changes = self._since_renewal(twin_id, found)
+            found, changes, _ = self._since_renewal(twin_id, found)
             told = self._told_of(twin, twin_id, found)
             rows = NewestRows.of(found.number, found.states)
             last = learning_mark(rows, changes, told.known, self._refresh)
@@ -414,6 +554,9 @@ class ForecastCache:
             if learnt_from != kept.learnt_from:
                 laws = self._learn(twin, found, last, learnt_from)
             prospect = _forecast_state(twin, found, last, laws, told.known)
+            if prospect is not None:
+                factors = self._past.factors(twin_id, int(rows.keys[-1]))
+                prospect = dataclasses.replace(prospect, widening=factors)
             with kept.lock:
                 kept.learnt_from, kept.laws, kept.prospect = learnt_from, laws, prospect
                 kept.rows, kept.changes, kept.told = rows, changes, told
@@ -452,25 +595,35 @@ class ForecastCache:
             events = [e for e in events if happened_by(e, last_ns, last)]
         if not events:
             return _ToldEvents((), {})
-        names = _past_states(twin, states[-1:], found.bodies[-1:])
+        names = past_states(twin, states[-1:], found.bodies[-1:])
         if not names:
-            names = _past_states(twin, states, found.bodies)
+            names = past_states(twin, states, found.bodies)
         known = known_of(events, states["t_ns"], states["slow_time"], names)
         return _ToldEvents(events, known)
 
     def _since_renewal(
-        self, twin_id: str, found: History
-    ) -> tuple[History, dict[str, list[float]]]:
-        """Return readings and sudden changes since the last renewal of the structure.
+        self, twin_id: str, found: History, until_ns: int | None = None
+    ) -> tuple[History, dict[str, list[float]], list[float]]:
+        """Return readings and sudden changes since the last renewal, and all renewals.
 
-        These are slow times after which each quantity was told to have gone elsewhere.
+        Changes are slow times after which each quantity was told to have gone elsewhere.
+
+        Parameters
+        ----------
+        until_ns
+            Sensor time up to which they had been detected [ns since 1970].
         """
-        bodies = [row.body for row in self._store.events(twin_id, limit=LOOK_BACK, newest=True)]
-        found = since_last_renewal(found, renewals_in(bodies))
+        bodies = [
+            row.body
+            for row in self._store.events(twin_id, limit=LOOK_BACK, newest=True)
+            if until_ns is None or row.t_ns <= until_ns
+        ]
+        renewals = renewals_in(bodies)
+        found = since_last_renewal(found, renewals)
         changes: dict[str, list[float]] = {}
         for name, since in changes_in(bodies):
             changes.setdefault(name, []).append(since)
-        return found, changes
+        return found, changes, renewals
 
     def _warm(self) -> None:
         """Forecast once, so that compiled code is ready for the first request."""
@@ -480,21 +633,23 @@ class ForecastCache:
         if prospect is not None:
             forecast_from_state(prospect, 1.0, 2, (Limit("", 0.0),))
 
-    def _catch_up(self, twin_id: str) -> None:
+    def _catch_up(self, twin_id: str) -> bool:
+        """Learn and tell anew where that is due; whether past outlooks wait to be stated."""
         kept, twin = self._kept.get(twin_id), self._pipeline.twin(twin_id)
         if kept is None or twin is None:
-            return
+            return False
         with kept.lock:
             self._absorb(kept, twin)
             asked, due = kept.asked, kept.since_told >= self._refresh
         watched = due and self._is_watched(twin_id)
         # A twin without requests since it was learnt is not learnt again, unless its future is
         # watched.
-        if asked or watched:
-            with acting_for(kept.holder):
+        with acting_for(kept.holder):
+            if asked or watched:
                 self._renew(twin_id, kept)
                 if watched:
                     self._tell_anew(twin_id, kept)
+            return self.keep_outlooks(twin_id, A_TURN)
 
     def _work(self) -> None:
         self._warm()
@@ -505,17 +660,24 @@ class ForecastCache:
                 twin_id = next(iter(self._due), None)
             if twin_id is None:
                 continue
-            began_s = time.thread_time()
+            began_s, more = time.thread_time(), False
             try:
-                self._catch_up(twin_id)
+                more = self._catch_up(twin_id)
             except Exception:
                 if not self._stop.is_set():
                     logger.exception("Learning the forecast of %s failed; continuing.", twin_id)
             with self._changed:
                 self._due.pop(twin_id, None)
+                if more:
+                    self._due[twin_id] = None  # behind those that wait already
             self._stop.wait(time.thread_time() - began_s)
             while self._pipeline.waiting > BUSY and not self._stop.wait(_PAUSE_S):
                 pass
+
+
+def _interrupted(renewals: Sequence[float], known: KnownEvents) -> list[float]:
+    """Slow times of renewals and of told repairs: no outlook from before looks beyond them."""
+    return [*renewals, *(at for each in jump_times(known).values() for at in each)]
 
 
 def _forecast_state(
@@ -528,7 +690,7 @@ def _forecast_state(
     later = slice(last + 1, None)
     bodies = found.bodies[later] if found.bodies else ()
     try:
-        return advance(prospect, _past_states(twin, found.states[later], bodies))
+        return advance(prospect, past_states(twin, found.states[later], bodies))
     except ValueError:
         # Some of them are of an earlier time: all of them in order.
         return forecast_state_of(_past_until(twin, found, len(found.states)), laws, known)
@@ -536,11 +698,4 @@ def _forecast_state(
 
 def _past_until(twin: Twin, found: History, count: int) -> dict[str, Past]:
     """Return the past of a twin from its first `count` states of `found`."""
-    return _past_states(twin, found.states[:count], found.bodies[:count])
-
-
-def _past_states(twin: Twin, states: States, bodies: Any) -> dict[str, Past]:
-    elements = twin.checkpoint.elements
-    if elements is None:
-        return past_of(states, twin.checkpoint.known)
-    return past_of_elements(states, bodies, elements)
+    return past_states(twin, found.states[:count], found.bodies[:count])

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from twin_server.estimate import (
+    ForecastState,
     NotPlannableError,
     Past,
     PlanOrder,
@@ -52,6 +53,7 @@ class _Epoch(NamedTuple):
 class _Kept(NamedTuple):
     registration: Registration
     epoch: _Epoch
+    prospect: ForecastState | None
     answer: dict[str, Any]
 
 
@@ -72,28 +74,40 @@ class PlanCache:
         self._kept: collections.OrderedDict[str, _Kept] = collections.OrderedDict()
         self._lock = threading.Lock()
 
-    def plan(self, twin_id: str, *, stale: int = 0) -> dict[str, Any]:
-        """Return the plan of a twin as REST does; it is kept until the next reading.
+    def plan(
+        self, twin_id: str, *, stale: int = 0, since: float | None = None
+    ) -> dict[str, Any]:
+        """Return the plan of a twin as REST does; of one state of its forecast the same.
 
         Parameters
         ----------
         stale
             Readings that a kept plan may be old.
+        since
+            Slow time of the reading whose forecast it has to agree with, see
+            `ForecastCache.prospect`.
         """
         twin = self._pipeline.twin(twin_id)
         if twin is None or twin.registration.decision is None:
             return refusal_of(twin_id, NO_DECISION)
-        found = self._store.history(twin_id, limit=NEWEST, newest=True)
+        found = self._store.history(twin_id, slow_time=(None, since), limit=NEWEST, newest=True)
         if not len(found.states):
             return refusal_of(twin_id, TOO_FEW)
         epoch = _Epoch(int(found.number[-1]), int(found.states["sequence"][-1]))
         with self._lock:
             kept = self._kept.get(twin_id)
-        if kept is not None and _holds(kept, twin.registration, epoch, stale):
+        if stale and kept is not None and _holds(kept, twin.registration, epoch, stale):
             return kept.answer
-        answer = self._made(twin_id, twin, found)
+        prospect = self._prospects.prospect(twin_id, since)
+        if (
+            kept is not None
+            and kept.prospect is prospect
+            and kept.registration == twin.registration
+        ):
+            return kept.answer
+        answer = self._made(twin_id, twin, found, prospect)
         with self._lock:
-            self._kept[twin_id] = _Kept(twin.registration, epoch, answer)
+            self._kept[twin_id] = _Kept(twin.registration, epoch, prospect, answer)
             self._kept.move_to_end(twin_id)
             while len(self._kept) > MOST_KEPT:
                 self._kept.popitem(last=False)
@@ -108,8 +122,10 @@ class PlanCache:
             return None
         return kept.answer
 
-    def _made(self, twin_id: str, twin: Twin, found: History) -> dict[str, Any]:
-        order = self._order(twin_id, twin, found)
+    def _made(
+        self, twin_id: str, twin: Twin, found: History, prospect: ForecastState | None
+    ) -> dict[str, Any]:
+        order = self._order(twin, found, prospect)
         if order is None:
             return refusal_of(twin_id, TOO_FEW)
         since_ns = int(found.states["t_ns"][-1])
@@ -119,10 +135,11 @@ class PlanCache:
             return refusal_of(twin_id, str(error))
         return answer
 
-    def _order(self, twin_id: str, twin: Twin, found: History) -> PlanOrder | None:
+    def _order(
+        self, twin: Twin, found: History, prospect: ForecastState | None
+    ) -> PlanOrder | None:
         registration = twin.registration
         costs, decision = registration.costs, registration.decision
-        prospect = self._prospects.prospect(twin_id)
         if costs is None or decision is None or prospect is None:
             return None
         quantity = decision.failure.quantity
@@ -143,6 +160,7 @@ class PlanCache:
             pace_of(found),
             prospect.since - prospect.first,
             found.boots[int(found.number[-1])][1] or None,
+            prospect.widening.get(quantity, 1.0),
         )
 
 

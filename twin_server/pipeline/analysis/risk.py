@@ -4,7 +4,14 @@ import collections
 import threading
 from typing import Any, NamedTuple
 
-from twin_server.estimate import RiskOrder, Twin, past_of, past_of_elements, risk_answer
+from twin_server.estimate import (
+    ForecastState,
+    RiskOrder,
+    Twin,
+    past_of,
+    past_of_elements,
+    risk_answer,
+)
 from twin_server.persist import History, Store
 from twin_server.pipeline.analysis.learning_input import LOOK_BACK
 from twin_server.pipeline.ingestion.pipeline import Pipeline
@@ -33,8 +40,7 @@ class _Key(NamedTuple):
 
 class _Kept(NamedTuple):
     registration: Registration
-    boot: int
-    sequence: int
+    prospect: ForecastState
     answer: dict[str, Any]
 
 
@@ -55,29 +61,42 @@ class RiskCache:
         self._kept: collections.OrderedDict[_Key, _Kept] = collections.OrderedDict()
         self._lock = threading.Lock()
 
-    def risk(self, twin_id: str, horizon: float | None) -> dict[str, Any]:
-        """Return the risk of a twin as REST does.
+    def risk(
+        self, twin_id: str, horizon: float | None, since: float | None = None
+    ) -> dict[str, Any]:
+        """Return the risk of a twin as REST does; of one state of its forecast the same.
 
         Parameters
         ----------
         horizon
             How far ahead, in slow time; None for that of the twin's forecast.
+        since
+            Slow time of the reading whose forecast it has to agree with, see
+            `ForecastCache.prospect`.
         """
         twin = self._pipeline.twin(twin_id)
         if twin is None or not twin.registration.limit_states:
             return _nothing(twin_id, NO_STATES)
-        found = self._store.history(twin_id, limit=LOOK_BACK, newest=True)
-        if not len(found.states):
+        prospect = self._prospects.prospect(twin_id, since)
+        if prospect is None:
             return _nothing(twin_id, TOO_FEW)
         key = _Key(twin_id, horizon)
-        boot, sequence = int(found.number[-1]), int(found.states["sequence"][-1])
         with self._lock:
             kept = self._kept.get(key)
-        if kept is not None and kept[:3] == (twin.registration, boot, sequence):
+        if (
+            kept is not None
+            and kept.prospect is prospect
+            and kept.registration == twin.registration
+        ):
             return kept.answer
-        answer = self._made(twin_id, twin, found, horizon)
+        found = self._store.history(
+            twin_id, slow_time=(None, prospect.since), limit=LOOK_BACK, newest=True
+        )
+        if not len(found.states):
+            return _nothing(twin_id, TOO_FEW)
+        answer = self._made(twin_id, twin, found, prospect, horizon)
         with self._lock:
-            self._kept[key] = _Kept(twin.registration, boot, sequence, answer)
+            self._kept[key] = _Kept(twin.registration, prospect, answer)
             self._kept.move_to_end(key)
             while len(self._kept) > MOST_KEPT:
                 self._kept.popitem(last=False)
@@ -93,16 +112,20 @@ class RiskCache:
         return kept.answer
 
     def _made(
-        self, twin_id: str, twin: Twin, found: History, horizon: float | None
+        self,
+        twin_id: str,
+        twin: Twin,
+        found: History,
+        prospect: ForecastState,
+        horizon: float | None,
     ) -> dict[str, Any]:
-        prospect = self._prospects.prospect(twin_id)
         elements = twin.checkpoint.elements
         past = (
             past_of(found.states, twin.checkpoint.known)
             if elements is None
             else past_of_elements(found.states, found.bodies, elements)
         )
-        if prospect is None or not set(prospect.laws) <= set(past):
+        if not set(prospect.laws) <= set(past):
             return _nothing(twin_id, TOO_FEW)
         span = prospect.since - prospect.first
         order = RiskOrder(
@@ -114,6 +137,7 @@ class RiskCache:
             since=prospect.since,
             horizon=prospect.since + (horizon or twin.registration.outlook_horizon or span),
             unit=found.boots[found.number[-1]][1],
+            widening=prospect.widening,
         )
         answer: dict[str, Any] = self._workers.run(risk_answer, twin_id, order)
         return answer

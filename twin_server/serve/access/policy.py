@@ -44,7 +44,7 @@ _COMPOSITE = f"{_V1}/composites/{{composite_id}}"
 _RECORDING = f"{_V1}/recordings/{{name}}"
 _SEE = [(f"{_TWIN}{more}", Scope.VIEWER) for more in (
     "", "/history", "/history/hash", "/history/export", "/dtdl", "/modes", "/shapes",
-    "/forecast",
+    "/forecast", "/forecast/record",
     "/plan", "/risk", "/events", "/events/recorded", "/live", "/gap", "/fatigue", "/virtual",
     "/alarms", "/alarms/deliveries",
     "/memberships", "/quarantine", "/ledger",

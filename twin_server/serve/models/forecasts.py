@@ -82,6 +82,21 @@ class DistributionModel(BaseModel):
     probability: list[float]
 
 
+class ReliabilityClass(BaseModel):
+    """Past statements whose probabilities lie between two limits, and what came of them."""
+
+    low: float
+    high: float
+    stated: float = Field(description="Mean of the stated probabilities.")
+    count: int = Field(description="Statements whose horizon has passed.")
+    came_true: int
+    effective: float = Field(
+        description="How many independent statements they are worth, as they overlap."
+    )
+    lo: float = Field(description="95 % interval of how often such statements come true.")
+    hi: float
+
+
 class CrossingModel(BaseModel):
     """When a threshold is first crossed: a distribution."""
 
@@ -114,6 +129,9 @@ class CrossingModel(BaseModel):
         description="Degradation laws from which it follows, with their posterior probability.",
     )
     horizon: float = Field(description="Slow time up to which was looked.")
+    record: ReliabilityClass | None = Field(
+        default=None, description="Past statements like this one; null where there are none."
+    )
     sentence: str
 
 
@@ -145,3 +163,95 @@ class ForecastModel(BaseModel):
     warnings: list[str] = Field(
         default=[], description="Of each quantity that no degradation law fits."
     )
+    widening: dict[str, float] = Field(
+        default={},
+        description="Factor by which the futures of each quantity are spread wider than its "
+        "laws say, as its past outlooks were too sure.",
+    )
+    record: list[str] = Field(
+        default=[], description="What came of past outlooks, in sentences."
+    )
+
+
+class CoverageModel(BaseModel):
+    """How often a central interval held."""
+
+    stated: float
+    count: int
+    held: int
+    lo: float = Field(description="95 % interval of the probability with which it holds.")
+    hi: float
+
+
+class WideningModel(BaseModel):
+    """Factor by which the spread of futures is widened."""
+
+    factor: float = 1.0
+    probability: float = Field(
+        default=0.5, description="Posterior probability that the spread was not right."
+    )
+    effective: float = Field(default=0.0, description="Independent statements behind it.")
+
+
+class QuantityRecord(BaseModel):
+    """What came of the bands of one quantity."""
+
+    coverage: list[CoverageModel]
+    widening: WideningModel
+    sentences: list[str]
+
+
+class ThresholdRecord(BaseModel):
+    """What came of statements on thresholds."""
+
+    count: int
+    came_true: int
+    effective: float
+    brier: float | None = Field(description="Mean squared error of their probabilities.")
+    classes: list[ReliabilityClass]
+    sentences: list[str] = []
+
+
+class StatedQuantity(BaseModel):
+    """Quantiles of one quantity at some instants, as they were told."""
+
+    instants: list[float]
+    quantiles: list[list[float]] = Field(
+        description="At each instant, at 2.5, 5, 10, 25, 50, 75, 90, 95 and 97.5 %."
+    )
+    widening: float
+
+
+class StatedCrossing(BaseModel):
+    """Probability that a threshold is reached, as it was told."""
+
+    quantity: str
+    threshold: float
+    toward: Literal["below", "above"]
+    within: float
+    already: float
+
+
+class PastOutlook(BaseModel):
+    """What a twin stated of its future after one reading."""
+
+    since: float
+    horizon: float
+    quantities: dict[str, StatedQuantity]
+    crossings: list[StatedCrossing]
+
+
+class TrackRecordModel(BaseModel):
+    """Past outlooks of a twin, and what came of them."""
+
+    id: str
+    since: float | None = Field(
+        description="Slow time of the last kept outlook, up to which the truth counts."
+    )
+    slow_time_unit: str | None
+    kept: int
+    quantities: dict[str, QuantityRecord]
+    thresholds: ThresholdRecord
+    outlooks: list[PastOutlook]
+    sentences: list[str]
+    reasons: list[str] = Field(description="Why there is nothing to compare yet.")

@@ -17,7 +17,7 @@ from twin_server.serve.http.compute_queue import ComputeQueue
 from twin_server.serve.http.problems import ProblemError
 from twin_server.serve.instants import Moment, MomentText, moment_of
 from twin_server.serve.knowledge import Knowledge
-from twin_server.serve.models.forecasts import ForecastModel
+from twin_server.serve.models.forecasts import ForecastModel, TrackRecordModel
 from twin_server.settings import ServeSettings
 
 from .twin_path import TwinId
@@ -125,6 +125,26 @@ def routes(
         )
         return Response(body, media_type="application/json")
 
+    @api.get(
+        "/twins/{twin_id}/forecast/record",
+        response_model=TrackRecordModel,
+        responses=_PROBLEMS,
+    )
+    async def record(request: Request, twin_id: TwinId, registration: Known) -> Response:
+        """Past outlooks of a twin, and what came of them: coverage, reliability, Brier score.
+
+        The truth is the change as all later readings show it. A statement on a threshold
+        counts once its horizon has passed.
+        """
+        body = await queue.run(
+            request,
+            lambda: to_json(knowledge.track_record(twin_id)),
+            group=twin_id,
+            share=("record", twin_id, registration),
+            light=True,
+        )
+        return Response(body, media_type="application/json")
+
     return api
 
 
@@ -211,11 +231,15 @@ def _forecast(
             "valid": False,
             "reasons": [_TOO_FEW],
             "warnings": [],
+            "widening": {},
+            "record": [],
         }
     rows = [None] * len(outlook.slow_time)
     of_each = {name: estimate_objects(band.tolist()) for name, band in outlook.bands.items()}
     elements = [name for name in of_each if name not in _OF_THE_WHOLE]
     sources = {limit: source for source, limit in reversed(asked)}
+    # Of the past nothing is told of what came later.
+    record = knowledge.track_record(twin_id) if at is None else None
     return {
         "id": twin_id,
         "since": outlook.since,
@@ -232,6 +256,7 @@ def _forecast(
         ],
         "crossings": [
             _crossing(sources[limit], limit, life, outlook.since)
+            | {"record": _record_of(record, life.within)}
             for limit, life in outlook.crossings
         ],
         "periods": outlook.periods,
@@ -239,7 +264,18 @@ def _forecast(
         "valid": not outlook.reasons,
         "reasons": list(outlook.reasons),
         "warnings": list(outlook.misfits),
+        "widening": dict(outlook.widening),
+        "record": [] if record is None else record["sentences"],
     }
+
+
+def _record_of(record: dict[str, Any] | None, stated: float) -> dict[str, Any] | None:
+    """Past statements of about the same probability; None where none has been decided."""
+    for one in record["thresholds"]["classes"] if record is not None else ():
+        if one["low"] <= stated < one["high"] or stated == one["high"] == 1.0:
+            found: dict[str, Any] = one
+            return found
+    return None
 
 
 def _crossing(source: str, limit: Limit, life: RemainingLife, since: float) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from twin_server.serve.http.compute_queue import ComputeQueue
 from twin_server.serve.knowledge import Knowledge
 from twin_server.serve.models import plans as plan_models
 
-from .twin_path import TwinId
+from .twin_path import OfForecast, TwinId
 
 _PROBLEMS = problems.answers(
     {
@@ -58,7 +58,9 @@ def routes(
     Known = Annotated[Registration, Depends(known)]
 
     @api.get("/twins/{twin_id}/plan", response_model=plan_models.PlanModel, responses=_PROBLEMS)
-    async def plan(request: Request, twin_id: TwinId, registration: Known) -> Response:
+    async def plan(
+        request: Request, twin_id: TwinId, registration: Known, since: OfForecast = None
+    ) -> Response:
         """Tell what to do, by when and why: options side by side with their expected costs.
 
         Of the registration's `costs` and `decision`, and of the forecast after the last
@@ -66,9 +68,9 @@ def routes(
         """
         body = await queue.run(
             request,
-            lambda: to_json(knowledge.plan(twin_id)),
+            lambda: to_json(knowledge.plan(twin_id, since=since)),
             group=("plan", twin_id),
-            share=("plan", twin_id, registration),
+            share=("plan", twin_id, registration, since),
             light=True,
         )
         return Response(body, media_type="application/json")

@@ -13,7 +13,7 @@ from twin_server.serve.http.compute_queue import ComputeQueue
 from twin_server.serve.knowledge import Knowledge
 from twin_server.serve.models import risks as risk_models
 
-from .twin_path import TwinId
+from .twin_path import OfForecast, TwinId
 
 _PROBLEMS = problems.answers(
     {
@@ -51,6 +51,7 @@ def routes(
             Finite | None,
             Query(description="How far ahead, in slow time; by default as the forecast."),
         ] = None,
+        since: OfForecast = None,
     ) -> Response:
         """Tell how probable failure is by each limit state: now, in the past and to come.
 
@@ -59,9 +60,9 @@ def routes(
         """
         body = await queue.run(
             request,
-            lambda: to_json(knowledge.risk(twin_id, horizon)),
+            lambda: to_json(knowledge.risk(twin_id, horizon, since)),
             group=("risk", twin_id),
-            share=("risk", twin_id, registration, horizon),
+            share=("risk", twin_id, registration, horizon, since),
             light=True,
         )
         return Response(body, media_type="application/json")

@@ -3,16 +3,24 @@
 from collections.abc import Awaitable, Callable
 from typing import Annotated
 
-from fastapi import Path, Request
+from fastapi import Path, Query, Request
 from fastapi.concurrency import run_in_threadpool
 
-from slowtime_schemas.quantities import Plain
+from slowtime_schemas.quantities import Finite, Plain
 from twin_server.identity.principals import principal_of, site_of
 from twin_server.registration.twin import ID, Registration
 from twin_server.serve.http.problems import ProblemError
 from twin_server.serve.knowledge import Knowledge
 
 TwinId = Annotated[str, Path(pattern=ID), Plain]
+
+OfForecast = Annotated[
+    Finite | None,
+    Query(
+        description="Slow time of the reading whose forecast (`since`) this has to agree with; "
+        "of the last reading where that forecast is not kept any more. The answer says which."
+    ),
+]
 
 
 def registered_in(knowledge: Knowledge) -> Callable[..., Awaitable[Registration]]:

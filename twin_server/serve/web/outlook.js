@@ -1,6 +1,7 @@
 // Where a twin is heading, in words: when each threshold is reached, and how far the readings say anything.
 import { isNear, stepOf } from "./buckets.js";
 import { t } from "./language.js";
+import { TrackRecord } from "./track_record.js";
 import { atTime, describeRow, digits, english, foretold, make, number, slowTime, titleOf, unitOf } from "./words.js";
 
 const NARROW = "\u202f", JUMPS_SAID = 2, LAWS_SAID = 3;
@@ -41,7 +42,10 @@ const lawsOf = (laws) => Object.entries(laws ?? {}).slice(0, LAWS_SAID).filter((
   .map(([name, share]) => `${name} ${percent(share)}`).join(", ");
 
 const likelyBy = (percentage) => t("outlook.likely_by", { probability: `${percentage}${NARROW}%` });
-const HEADS = [t("outlook.time_to"), ...[10, 50, 90].map(likelyBy), t("outlook.within"), t("outlook.course"), t("outlook.laws")];
+const HEADS = [t("outlook.time_to"), ...[10, 50, 90].map(likelyBy), t("outlook.within"), t("outlook.course"), t("outlook.laws"), t("outlook.track")];
+
+/** "31 of 40 came true" */
+const cameTrue = ({ record }) => (record ? t("outlook.came_true", { came: record.came_true, count: record.count }) : t("outlook.no_record"));
 
 function row(crossing, since, at) {
   const row = make("tr"), title = make("th", asked(crossing));
@@ -54,9 +58,9 @@ function row(crossing, since, at) {
     const said = slow_time === null ? t("risk.not_within") : passed && slow_time <= since ? t("outlook.passed") : at(foretold(slow_time, since));
     return make("td", said);
   });
-  const plot = make("td"), laws = english(make("td", lawsOf(crossing.laws), "laws"));
+  const plot = make("td"), laws = english(make("td", lawsOf(crossing.laws), "laws")), record = make("td", cameTrue(crossing), "track");
   plot.append(curve(crossing));
-  row.append(title, ...cells, make("td", t("outlook.within_by", { probability: percent(crossing.within), time: at(crossing.horizon) })), plot, laws);
+  row.append(title, ...cells, make("td", t("outlook.within_by", { probability: percent(crossing.within), time: at(crossing.horizon) })), plot, laws, record);
   // On a telephone, where a row is a list, each cell carries its heading.
   [...row.children].forEach((cell, i) => { cell.dataset.title = HEADS[i]; });
   describeRow(row, crossing.sentence);
@@ -85,7 +89,8 @@ export class Outlook {
     this.table.append(make("caption", t("outlook.caption")), head, this.body);
     this.trouble = make("p", "", "trouble");
     this.trouble.setAttribute("role", "status");
-    this.root.append(this.table, this.note, this.trouble);
+    this.record = new TrackRecord();
+    this.root.append(this.table, this.note, this.record.root, this.trouble);
     this.root.hidden = true;
   }
 
@@ -95,12 +100,13 @@ export class Outlook {
     if (this.trouble.textContent !== text) this.trouble.replaceChildren(words && why ? `${words} ` : words, english(make("span", why)));
   }
 
-  tell({ forecast, latest, unforeseen, renewed, points }) {
+  tell({ forecast, latest, unforeseen, renewed, points, base, at: past }) {
     this.root.hidden = !forecast && !unforeseen;
     this.why(unforeseen ?? {});
     this.trouble.hidden = !unforeseen;
     this.table.hidden = !forecast?.crossings.length;
     this.note.hidden = !forecast;
+    this.record.tell({ forecast, base, at: past });
     if (!forecast || this.told === forecast) return;
     this.told = forecast;
     const at = (slow_time) => slowTime(atTime(latest, slow_time));

@@ -80,7 +80,7 @@ export class Panel {
     this.elements = null;
     [this.events, this.outlook, this.recorded, this.assessed] = [new Events(), new Outlook(), new Recorded(), new Assessed()];
     [this.timeline, this.whatIf, this.diagnosis] = [new Timeline(twin), new WhatIf(twin), new Diagnosis(twin)];
-    [this.risk, this.plan, this.shapes, this.limits] = [new Risk(twin), new Plan(twin), new Shapes(), new Limits(twin)];
+    [this.risk, this.plan, this.shapes, this.limits] = [new Risk(), new Plan(), new Shapes(), new Limits(twin)];
     this.state = make("div", undefined, "state");
     this.state.append(
       about, this.sensor, this.aside, this.reasons, this.timeline.root, this.shapes.root, this.charts, this.outlook.root, this.risk.root, this.plan.root, this.assessed.root,

@@ -1,11 +1,10 @@
 // What to do with the structure: the sentence, the cost of each option over time, and a table of them.
 import { counted, locale, parts, t } from "./language.js";
-import { ask } from "./link.js";
 import { drawPlot } from "./plot.js";
 import { colour } from "./svg.js";
 import { digits, english, make, range, unitOf } from "./words.js";
 
-const HEIGHT_PX = 260, NARROW_PX = 480, LINES_PX = 34, DRAWN = 6, PLAN_MS = 30000, PATIENCE_MS = 60000;
+const HEIGHT_PX = 260, NARROW_PX = 480, LINES_PX = 34, DRAWN = 6;
 const HEADS = [t("plan.option"), t("plan.now"), t("plan.cost"), t("number.from_5_to_95"), t("plan.failures")];
 const DASHES = ["solid", "dash", "dot", "dashdot", "longdash", "longdashdot"];
 
@@ -42,8 +41,8 @@ function drawnOf({ options }) {
 const broken = (text) => text.replace(/(.{24,34}?) (?=.{4})/g, "$1<br>");
 
 export class Plan {
-  constructor(twin) {
-    Object.assign(this, { twin, plan: null, askedAt: 0, asking: false });
+  constructor() {
+    Object.assign(this, { plan: null, told: null });
     this.root = make("section", undefined, "plan");
     this.root.setAttribute("aria-label", t("plan.label"));
     this.title = make("h3", t("plan.title"));
@@ -59,25 +58,23 @@ export class Plan {
     this.root.hidden = this.plot.hidden = this.table.hidden = true;
   }
 
-  /** Ask anew when a reading has come, at most every half minute; only where something is to be decided. */
-  async tell({ latest, at }) {
+  /** What `twin` has asked for beside the forecast, of the same instant; only where something is to be decided. */
+  tell({ latest, at, plan }) {
     this.root.hidden = !latest?.registration?.decision || Boolean(at) || latest.slow_time === null;
-    if (this.root.hidden || this.asking) return;
-    const of = `${latest.boot} ${latest.sequence} ${JSON.stringify(latest.registration.decision)} ${JSON.stringify(latest.registration.costs)}`;
-    if (of === this.of || (this.plan && Date.now() - this.askedAt < PLAN_MS)) return;
-    this.asking = true;
-    if (!this.plan) this.say(t("plan.computing"));
-    const { plan, trouble } = await ask(`${this.twin.base}/plan`, PATIENCE_MS).then((told) => ({ plan: told }), ({ message }) => ({ trouble: message }));
-    [this.asking, this.askedAt] = [false, Date.now()];
-    if (plan) [this.plan, this.of] = [plan, of];
-    if (trouble) this.say(`${t("plan.trouble")} `, english(make("span", trouble)));
-    else this.show();
+    if (this.root.hidden || plan === this.told) return;
+    this.told = plan;
+    if (!plan) this.say(t("plan.computing"));
+    else if (plan.trouble) this.say(`${t("plan.trouble")} `, english(make("span", plan.trouble)));
+    if (!plan?.answer) return;
+    this.plan = plan.answer;
+    this.show();
   }
 
   say(...words) { this.sentence.replaceChildren(...words); }
 
   show() {
     const { plan } = this, none = !plan.options.length;
+    this.root.dataset.since = plan.since;
     this.say(english(make("span", plan.sentence)));
     this.root.dataset.action = plan.action ?? "none";
     this.changes.replaceChildren(...plan.changes.map((text) => make("li", text)));

@@ -1,11 +1,10 @@
 // How probable failure is: each limit state with its probability now, up to the horizon, and over time.
 import { t } from "./language.js";
-import { ask } from "./link.js";
 import { drawPlot } from "./plot.js";
 import { colour } from "./svg.js";
 import { atTime, describeRow, digits, english, foretold, make, number, powered, range, say, slowTime, unitOf } from "./words.js";
 
-const HEIGHT_PX = 240, RISK_MS = 30000, PATIENCE_MS = 60000;
+const HEIGHT_PX = 240;
 /** Probability below which models of loads and strengths know nothing: smaller ones are drawn and said as this one. */
 const LEAST = 1e-4, LEAST_INDEX = 3.72;
 const HEADS = [
@@ -47,8 +46,8 @@ function rowOf(state, since, at) {
 }
 
 export class Risk {
-  constructor(twin) {
-    Object.assign(this, { twin, risk: null, askedAt: 0, asking: false });
+  constructor() {
+    Object.assign(this, { risk: null, told: null });
     this.root = make("section", undefined, "risk");
     this.root.setAttribute("aria-label", t("risk.label"));
     this.table = make("table", undefined, "options");
@@ -73,23 +72,24 @@ export class Risk {
     this.root.hidden = this.table.hidden = this.plot.hidden = true;
   }
 
-  /** Ask anew when a reading has come, at most every half minute; only where limit states are registered. */
-  async tell({ latest, at }) {
+  /** What `twin` has asked for beside the forecast, of the same instant; only where limit states are registered. */
+  tell({ latest, at, risk }) {
     this.root.hidden = !latest?.registration?.limit_states?.length || Boolean(at) || latest.slow_time === null;
-    if (this.root.hidden || this.asking) return;
-    const of = `${latest.boot} ${latest.sequence} ${JSON.stringify(latest.registration.limit_states)}`;
-    if (of === this.of || (this.risk && Date.now() - this.askedAt < RISK_MS)) return;
-    this.asking = true;
-    if (!this.risk) this.trouble.textContent = t("risk.computing");
-    const { risk, trouble } = await ask(`${this.twin.base}/risk`, PATIENCE_MS).then((told) => ({ risk: told }), ({ message }) => ({ trouble: message }));
-    [this.asking, this.askedAt] = [false, Date.now()];
-    if (risk) [this.risk, this.of] = [risk, of];
-    this.trouble.replaceChildren(...(trouble ? [`${t("risk.trouble")} `, english(make("span", trouble))] : []));
+    if (this.root.hidden) return;
+    if (!risk) this.trouble.textContent = t("risk.computing");
+    else if (risk !== this.told) this.take(risk, latest);
+  }
+
+  take(risk, latest) {
+    this.told = risk;
+    if (risk.answer) this.risk = risk.answer;
+    this.trouble.replaceChildren(...(risk.trouble ? [`${t("risk.trouble")} `, english(make("span", risk.trouble))] : []));
     if (this.risk) this.show(latest);
   }
 
   show(latest) {
     const { risk } = this, at = (time) => slowTime(atTime(latest, time));
+    this.root.dataset.since = risk.since;
     say(this.safe, ...(risk.limit_states.length ? safetyOf(risk, at) : ["", ""]));
     this.body.replaceChildren(...risk.limit_states.map((state) => rowOf(state, risk.since, at)));
     this.heads[1].textContent = t("risk.at", { time: at(risk.since) });

@@ -56,7 +56,7 @@ export class Twin {
   constructor(id, changed) {
     Object.assign(this, { id, changed, latest: null, points: [], events: [], forecast: null });
     Object.assign(this, { stream: null, loading: null, arrived: null, stale: false, problem: null, dirty: true });
-    Object.assign(this, { known: false, forecastAt: 0, at: null, foretold: null, recalled: null, unforeseen: null });
+    Object.assign(this, { known: false, forecastAt: 0, risk: null, plan: null, at: null, foretold: null, recalled: null, unforeseen: null });
     Object.assign(this, { part: LATEST, longer: false, thinned: false, bands: null, begin: null, detail: null, recorded: { events: [], questions: [] } });
     // Held by the charts, which are given a new scene each time.
     this.zoom = { zoomed: null, to: (range) => this.zoomTo(range) };
@@ -68,14 +68,14 @@ export class Twin {
 
   /** What is to be seen: all until now, or until the instant that is looked at, and apart what came after it. */
   get scene() {
-    const { id, base, latest, events, forecast, at, unforeseen, touch, recorded, reload, zoom } = this;
+    const { id, base, latest, events, forecast, risk, plan, at, unforeseen, touch, recorded, reload, zoom } = this;
     const { points, bands, thinned } = (!at && this.detail) || { points: this.shown, bands: this.bands, thinned: this.thinned };
     const marks = marksOf(events, points, recorded), renewed = new Set(marks.filter(({ kind }) => kind === "renewed").map(({ slow_time }) => slow_time));
     const common = { id, base, at, bands, marks, renewed, recorded, reload, whole: !thinned, unforeseen, touch, zoom };
     // What was foretold of the structure as it was says nothing of the renewed one.
     const old = forecast && [...renewed].some((time) => time > forecast.since);
     const now = old ? { forecast: null, unforeseen: unforeseen ?? RENEWED_SINCE } : { forecast };
-    if (!at) return { ...common, latest, points, later: [], events, ...now };
+    if (!at) return { ...common, latest, points, later: [], events, risk, plan, ...now };
     const seen = points.findLastIndex((point) => point.slow_time <= at.slow_time) + 1;
     const then = events.filter((event) => isOf(event, at));
     return {
@@ -207,8 +207,13 @@ export class Twin {
     const { at } = this;
     if (!this.points.length || (at ? this.recalled === at : Date.now() - this.forecastAt < FORECAST_MS)) return;
     if (at) this.recalled = at;
-    else this.forecastAt = Date.now();
+    else this.forecastAt = Infinity;
     if (!this[at ? "foretold" : "forecast"] && !this.unforeseen) this.unforeseen = COMPUTING;
+    await this.forecastAgain(at);
+    if (!at && this.forecastAt === Infinity) this.forecastAt = Date.now();
+  }
+
+  async forecastAgain(at) {
     const path = `${this.base}/forecast?points=40${at ? `&at=slow:${at.slow_time}` : ""}`;
     const { forecast, trouble, wait } = await ask(path, PATIENCE_MS).then(
       (told) => ({ forecast: told }), ({ message, retry }) => ({ trouble: message, wait: retry }),
@@ -218,9 +223,25 @@ export class Twin {
     if (trouble && at) this.recalled = null;
     // What was foretold stays until something newer is: it says itself since when it holds.
     const name = at ? "foretold" : "forecast", none = forecast && !forecast.points.length;
-    if (forecast) this[name] = none ? null : forecast;
-    this.unforeseen = trouble ? { words: t("outlook.trouble"), why: trouble } : none ? { why: forecast.reasons.join(" ") } : null;
-    this.touch();
+    const said = trouble ? { words: t("outlook.trouble"), why: trouble } : none ? { why: forecast.reasons.join(" ") } : null;
+    const show = (more) => {
+      if (forecast) this[name] = none ? null : forecast;
+      Object.assign(this, { unforeseen: said, ...more });
+      this.touch();
+    };
+    // Forecast, risk and plan are of one instant, and are shown together; only the first forecast does not wait.
+    if (at || trouble || !this.forecast) show();
+    if (at || trouble) return;
+    const more = await this.assess(forecast.since);
+    if (!this.at) show(more);
+  }
+
+  /** Risk and plan, where the registration asks for them, of the reading that a forecast is of. */
+  async assess(since) {
+    const { limit_states: states, decision } = this.latest?.registration ?? {}, of = since === null ? "" : `?since=${since}`;
+    const answer = (what) => ask(`${this.base}/${what}${of}`, 2 * PATIENCE_MS).then((told) => ({ answer: told }), ({ message }) => ({ trouble: message }));
+    const [risk, plan] = await Promise.all([states?.length ? answer("risk") : null, decision ? answer("plan") : null]);
+    return { risk, plan };
   }
 
   /** Look at one of the readings, or with null at what is known now. */

@@ -17,7 +17,7 @@ from slowtime_services.ledger import chain as kinds
 from tests.twin_server.persist.tables.test_levels import cut_of, states_of
 from twin_server.persist import TwinRow, WriteBatch, audit, audit_file, backup, restore
 from twin_server.persist.chains import COVERED
-from twin_server.persist.layout import VERSION, build_levels
+from twin_server.persist.layout import LACKING, VERSION, build_levels
 from twin_server.persist.tables.checksums import TABLES
 from twin_server.persist.tables.ledger import ChainEnds, of_act
 
@@ -173,6 +173,9 @@ def pretend_an_older_version(house):
     with writing(house) as writer:
         _scaled(writer)
     with contextlib.closing(sqlite3.connect(house.database)) as writer:
+        for table in LACKING[VERSION - 1]:
+            writer.execute(f"drop table {table.name}")
+            writer.execute(f"delete from tallies where what = '{table.name}'")
         writer.execute(f"pragma user_version = {VERSION - 1}")
         writer.commit()
     with contextlib.closing(forging.open_unverified(house.database)):
