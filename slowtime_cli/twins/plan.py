@@ -10,6 +10,8 @@ from slowtime_cli.shared.options import STDOUT
 from slowtime_cli.shared.terminal import note, show, write_json
 from slowtime_cli.twins.twin_query import TwinQuery, ask_server, problems_told, twin_of_file
 from slowtime_services.client import AnswerError, Client, UnreachableError
+from twin_server.pipeline import TwinKnowledge
+from twin_server.registration.costs import RepairTerms
 from twin_server.registration.twin import Registration
 
 
@@ -20,9 +22,13 @@ def plan(
     window_d: float,
     budget: float | None,
     out: Path | None,
+    lead_time: float | None,
+    months: str | None,
+    accepted: float | None,
     **twin: Any,
 ) -> None:
     """Recommend an action for a twin, or where a fleet's teams should go."""
+    terms = RepairTerms(lead_time, months, accepted)
     asked = TwinQuery(**twin)
     if fleet:
         query = {"teams": teams, "visits": visits, "window_d": window_d, "budget": budget}
@@ -32,14 +38,23 @@ def plan(
             note(f"{one['id']}: {one['reason']}")
         return
     if asked.server is not None:
-        body = ask_server(asked, "GET", "plan")
+        body = ask_server(asked, "GET", "plan", query=terms._asdict())
     else:
         with twin_of_file(asked) as (knowledge, twin_id, registration), problems_told():
             _refuse_calendar(asked.source, registration)
-            body = knowledge.plan(twin_id)
+            body = _plan_of(knowledge, twin_id, terms)
     _tell(body, out, _show_plan)
+    if body["last_order"] is not None:
+        note(body["last_order"]["sentence"])
     for change in body["changes"]:
         note(change)
+
+
+def _plan_of(knowledge: TwinKnowledge, twin_id: str, terms: RepairTerms) -> dict[str, Any]:
+    try:
+        return knowledge.plan(twin_id, terms=terms)
+    except ValueError as error:
+        raise click.UsageError(str(error)) from error
 
 
 def _refuse_calendar(source: Path | None, registration: Registration) -> None:

@@ -1,6 +1,7 @@
 """Computes maintenance plans of twins on request, and keeps them until their next reading."""
 
 import collections
+import dataclasses
 import threading
 from typing import Any, NamedTuple
 
@@ -19,6 +20,7 @@ from twin_server.estimate import (
 from twin_server.persist import History, Store
 from twin_server.pipeline.ingestion.pipeline import Pipeline
 from twin_server.pipeline.workers.processes import Workers
+from twin_server.registration.costs import RepairTerms
 from twin_server.registration.twin import Registration
 
 from .forecast_cache import ForecastCache
@@ -31,6 +33,9 @@ MOST_KEPT = 500
 
 STALE = 25
 """Readings that a plan may be old where a whole fleet is asked for."""
+
+AS_REGISTERED = RepairTerms()
+"""Terms of a repair as the registration has them."""
 
 NO_DECISION = (
     "There is nothing to decide: the registration has no `costs` and `decision`. Register the "
@@ -72,13 +77,17 @@ class PlanCache:
         self._kept: collections.OrderedDict[str, _Kept] = collections.OrderedDict()
         self._lock = threading.Lock()
 
-    def plan(self, twin_id: str, *, stale: int = 0) -> dict[str, Any]:
+    def plan(
+        self, twin_id: str, *, stale: int = 0, terms: RepairTerms = AS_REGISTERED
+    ) -> dict[str, Any]:
         """Return the plan of a twin as REST does; it is kept until the next reading.
 
         Parameters
         ----------
         stale
             Readings that a kept plan may be old.
+        terms
+            Terms of a repair other than those registered; such a plan is not kept.
         """
         twin = self._pipeline.twin(twin_id)
         if twin is None or twin.registration.decision is None:
@@ -86,6 +95,8 @@ class PlanCache:
         found = self._store.history(twin_id, limit=NEWEST, newest=True)
         if not len(found.states):
             return refusal_of(twin_id, TOO_FEW)
+        if terms != AS_REGISTERED:
+            return self._made(twin_id, twin, found, terms)
         epoch = _Epoch(int(found.number[-1]), int(found.states["sequence"][-1]))
         with self._lock:
             kept = self._kept.get(twin_id)
@@ -108,13 +119,16 @@ class PlanCache:
             return None
         return kept.answer
 
-    def _made(self, twin_id: str, twin: Twin, found: History) -> dict[str, Any]:
+    def _made(
+        self, twin_id: str, twin: Twin, found: History, terms: RepairTerms = AS_REGISTERED
+    ) -> dict[str, Any]:
         order = self._order(twin_id, twin, found)
         if order is None:
             return refusal_of(twin_id, TOO_FEW)
-        since_ns = int(found.states["t_ns"][-1])
+        if terms != AS_REGISTERED:
+            order = dataclasses.replace(order, decision=terms.changed(order.decision))
         try:
-            answer: dict[str, Any] = self._workers.run(plan_answer, twin_id, order, since_ns)
+            answer: dict[str, Any] = self._workers.run(plan_answer, twin_id, order)
         except NotPlannableError as error:
             return refusal_of(twin_id, str(error))
         return answer
@@ -143,6 +157,7 @@ class PlanCache:
             pace_of(found),
             prospect.since - prospect.first,
             found.boots[int(found.number[-1])][1] or None,
+            int(found.states["t_ns"][-1]),
         )
 
 
