@@ -167,6 +167,7 @@ def make_plan(futures: Ensemble, costs: Costs, terms: Terms) -> Plan:
     least = _least(options, futures, prices)
     if inspection is not None:
         options += _inspections(futures, costs, inspection, actions)
+    options += _readings(futures, costs, terms, actions)
     means = np.array([float(each.quantities(futures.weights) @ prices) for each in options])
     order = np.argsort(means, kind="stable")
     options = [options[k] for k in order]
@@ -339,15 +340,38 @@ def _inspected(
     futures: Ensemble, costs: Costs, inspection: Observation, actions: _Left, index: int
 ) -> tuple[Float[np.ndarray, "path item"], Float[np.ndarray, "path action"], float]:
     """Items of each future, the probability of each action, and that another one is taken."""
+    items, taken, changes = _decided(futures, costs, inspection, actions, index)
+    return items + _of_inspection(futures, costs, index), taken, changes
+
+
+def _decided(
+    futures: Ensemble, costs: Costs, observation: Observation, actions: _Left, index: int
+) -> tuple[Float[np.ndarray, "path item"], Float[np.ndarray, "path action"], float]:
+    """Give the same of what is decided after an observation, without what that costs."""
     left, weights = actions.since(index), futures.weights
-    likelihood = likelihood_of(inspection, index, futures.time, futures.damage, weights)
+    likelihood = likelihood_of(observation, index, futures.time, futures.damage, weights)
     found = value_of_information(left.items @ costs.prices(), weights, likelihood)
     taken = np.zeros((len(weights), len(left.cycles)))
     for outcome, action in enumerate(found.actions.tolist()):
         taken[:, action] += likelihood[:, outcome]
-    own = _of_inspection(futures, costs, index)
-    items = np.einsum("pa,pai->pi", taken, left.items) + own
+    items = np.einsum("pa,pai->pi", taken, left.items)
     return items, taken, float(found.changes)
+
+
+def _readings(futures: Ensemble, costs: Costs, terms: Terms, actions: _Left) -> list[Option]:
+    """Take the readings that come anyway, and decide by what they show: the best count."""
+    best: Option | None = None
+    prices = costs.prices()
+    for one in terms.observations:
+        index = index_of(one, futures.time)
+        if one.kind != "readings" or one.cost > 0.0 or not 0 < index < len(futures.time) - 1:
+            continue
+        items, taken, changes = _decided(futures, costs, one, actions, index)
+        if best is None or float(futures.weights @ ((items - best.items) @ prices)) < 0.0:
+            given = {"at": float(futures.time[index]), "changes": changes}
+            curve = _curve_after(futures, costs, actions.since(index), taken, None)
+            best = Option("read_on", "wait", items, curve, given)
+    return [] if best is None else [best]
 
 
 def _of_inspection(
@@ -364,9 +388,12 @@ def _curve_after(
     costs: Costs,
     left: Actions,
     taken: Float[np.ndarray, "path action"],
-    index: int,
+    inspected: int | None,
 ) -> Float[np.ndarray, "time item"]:
-    """Give expected items until each time: those of each action where it is taken."""
+    """Give expected items until each time: those of each action where it is taken.
+
+    `inspected` is the index of the time of an inspection, None without one.
+    """
     found = np.zeros((len(futures.time), len(ITEMS)))
     for column, cycle in enumerate(left.cycles):
         shares = futures.weights * taken[:, column]
@@ -374,7 +401,8 @@ def _curve_after(
         if total > 0.0:
             some = dataclasses.replace(futures, weights=shares / total)
             found += total * payments(cycle, some, costs).until(left.follow)
-    found[index:] += futures.weights @ _of_inspection(futures, costs, index)
+    if inspected is not None:
+        found[inspected:] += futures.weights @ _of_inspection(futures, costs, inspected)
     return found
 
 

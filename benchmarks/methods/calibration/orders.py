@@ -22,13 +22,14 @@ from slowtime.decisions import (
     Costs,
     Ensemble,
     EstimateError,
+    Observation,
     Plan,
     Terms,
     from_paths,
     make_plan,
 )
 from twin_server.estimate.forecast import changes
-from twin_server.estimate.plans.plan import MEMORY, PlanOrder, damage_futures
+from twin_server.estimate.plans.plan import MEMORY, MORE, PlanOrder, damage_futures
 from twin_server.registration.costs import CostTable, Deciding
 
 from . import histories, oracle
@@ -93,7 +94,22 @@ def with_foresight(case: dict[str, Any]) -> float:
 
 def _plan(futures: Ensemble, case: Case, lead: float) -> Plan:
     spread, every = float(np.std(futures.damage[:, 0])), float(case.time[1])
-    terms = Terms(error=EstimateError(spread, MEMORY * every), access=Access(lead=lead))
+    more = tuple(
+        Observation(
+            name="readings",
+            kind="readings",
+            sd=case.sd / abs(case.threshold),
+            count=count,
+            every=every,
+        )
+        for count in MORE
+        if count * every <= futures.horizon / 2
+    )
+    terms = Terms(
+        error=EstimateError(spread, MEMORY * every),
+        access=Access(lead=lead),
+        observations=more,
+    )
     return make_plan(futures, COSTS, terms)
 
 

@@ -142,6 +142,9 @@ def option_words(option: Option, when: When) -> str:
         "inspect_at": lambda: (
             f"inspect in {when.moment(given['at'])} and decide by what is found"
         ),
+        "read_on": lambda: (
+            f"take readings for {when.moment(given['at'])} and decide by what they show"
+        ),
         "close": lambda: "close",
     }
     return words[option.name]()

@@ -123,7 +123,7 @@ class PlanOption(BaseModel):
 
     name: str = Field(
         description="nothing, age, fixed_interval, estimate_threshold, probability_threshold, "
-        "periodic_inspection, repair_now, repair_at, inspect_now, inspect_at or close."
+        "periodic_inspection, repair_now, repair_at, inspect_now, inspect_at, read_on or close."
     )
     words: str
     now: Now = Field(description="What it does at once.")

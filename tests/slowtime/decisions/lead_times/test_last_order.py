@@ -1,10 +1,21 @@
 """The last order against brute force over order dates, and against laws in closed form."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy import stats
 
-from slowtime.decisions import Access, Cost, Costs, Ensemble, Terms, from_paths, make_plan
+from slowtime.decisions import (
+    Access,
+    Cost,
+    Costs,
+    Ensemble,
+    Observation,
+    Terms,
+    from_paths,
+    make_plan,
+)  # fmt: skip
 from slowtime.decisions.lead_times import last_order_by_probability
 
 TIME = np.linspace(0.0, 10.0, 121)
@@ -170,3 +181,20 @@ def test_where_nothing_fails_no_order_is_due_and_where_all_fail_it_has_passed():
 def test_an_accepted_probability_that_is_none_is_refused():
     with pytest.raises(ValueError, match="between 0 and 1"):
         last_order_by_probability(np.ones(2), np.full(2, 0.5), Access(), 2.0)
+
+
+def test_readings_that_come_anyway_are_awaited_where_they_tell_who_needs_a_repair():
+    """One half of the futures fails, the other never does, and their rates soon tell which."""
+    new = from_paths(TIME, np.zeros((2, len(TIME))))
+    rates = np.where(np.arange(400) % 2 == 0, 0.16, 0.0)[:, None]
+    one = from_paths(TIME, 0.2 + rates * TIME, renewed=lambda _: new)
+    more = Observation(name="readings", kind="readings", sd=0.005, count=12, every=1 / 12)
+    terms = Terms(access=Access(lead=1.0), observations=(more,))
+    costs = Costs(failure=Cost(20.0), repair=Cost(2.0))
+    plan = make_plan(one, costs, terms)
+    (option,) = (o for o in plan.options if o.name == "read_on")
+    # Who sees which future it is repairs one half of them, for 2 each.
+    assert float(one.weights @ (option.items @ costs.prices())) == pytest.approx(1.0, rel=1e-6)
+    assert option.parameters["at"] == pytest.approx(1.0)
+    blind = make_plan(one, costs, dataclasses.replace(terms, observations=()))
+    assert {o.name for o in blind.options} == {o.name for o in plan.options} - {"read_on"}
