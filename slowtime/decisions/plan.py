@@ -285,7 +285,10 @@ def _repairs(
     if now < len(time):
         chosen.append(("repair_now", "repair", now, access.effect(0.0)))
     if len(later):
-        best = int(later[expected[later].argmin()])
+        least = float(expected[later].min())
+        # Of equal costs the last: waiting forgoes nothing, and readings may tell more.
+        same = expected[later] <= least + 1e-9 * abs(least)
+        best = int(later[np.flatnonzero(same)[-1]])
         chosen.append(("repair_at", "wait", best, float(at[best])))
     return [
         Option(

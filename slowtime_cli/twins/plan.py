@@ -7,9 +7,11 @@ from typing import Any
 import click
 
 from slowtime_cli.shared.options import STDOUT
+from slowtime_cli.shared.report_flags import report_language
 from slowtime_cli.shared.terminal import note, show, write_json
 from slowtime_cli.twins.twin_query import TwinQuery, ask_server, problems_told, twin_of_file
 from slowtime_services.client import AnswerError, Client, UnreachableError
+from slowtime_services.reports.kinds.plan import write_plan_report
 from twin_server.pipeline import TwinKnowledge
 from twin_server.registration.costs import RepairTerms
 from twin_server.registration.twin import Registration
@@ -25,6 +27,7 @@ def plan(
     lead_time: float | None,
     months: str | None,
     accepted: float | None,
+    report: Path | None,
     **twin: Any,
 ) -> None:
     """Recommend an action for a twin, or where a fleet's teams should go."""
@@ -44,6 +47,8 @@ def plan(
             _refuse_calendar(asked.source, registration)
             body = _plan_of(knowledge, twin_id, terms)
     _tell(body, out, _show_plan)
+    if report is not None:
+        write_plan_report(report, body, language=report_language())
     if body["last_order"] is not None:
         note(body["last_order"]["sentence"])
     for change in body["changes"]:

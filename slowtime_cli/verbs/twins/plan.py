@@ -6,6 +6,7 @@ import click
 
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.options import POSITIVE, Number, OutFile
+from slowtime_cli.shared.report_flags import report_flags
 from slowtime_cli.verbs.twins.twin_flags import refuse_incomplete_query, twin_flags
 
 
@@ -74,6 +75,7 @@ docs/maintenance_plan.md.
     type=OutFile(stdout=True),
     help="JSON file to write, as REST answers; - for stdout instead of the table.",
 )
+@report_flags
 def plan(fleet: bool, server: str | None, source: object, **given: Any) -> None:
     """Recommend an action for a twin: repair, inspect, wait or close.
 
@@ -84,10 +86,12 @@ def plan(fleet: bool, server: str | None, source: object, **given: Any) -> None:
     if fleet:
         if server is None or source is not None:
             raise click.UsageError("--fleet needs --server URL, and no SOURCE.")
-        if {given.pop(name) for name in ("lead_time", "months", "accepted")} != {None}:
+        if {given.pop(name) for name in ("lead_time", "months", "accepted", "report")} != {
+            None
+        }:
             raise click.UsageError(
-                "--lead-time, --months and --accepted go with one twin. Leave --fleet out, or "
-                "register them."
+                "--lead-time, --months, --accepted and --report go with one twin. Leave "
+                "--fleet out, or register them."
             )
         return
     if given["accepted"] in (0.0, 1.0):
