@@ -8,7 +8,7 @@ from slowtime.dynamics.description import Beam, Description, Matrix
 from slowtime_schemas.files.diagnosis import DiagnosisFile, FoundEffect, Rival
 from slowtime_services.reports import Section, Table, Words, write_page
 
-from .charts import gap_chart, residual_charts, run_charts, surface_chart
+from .charts import PICTURE_SAMPLES, gap_chart, residual_charts, run_charts, surface_chart
 from .first_pages import diagnosis_page
 from .force_charts import force_charts
 from .labels import VERDICTS, labelled, named, number, placed, rare
@@ -21,7 +21,7 @@ def write_report(
     words = Words(language)
     first = diagnosis_page(diagnosis, document, words)
     title = f"{VERDICTS[document.verdict]}: {document.model or 'diagnosis'}"
-    picture = next(iter(run_charts(diagnosis)), None)
+    picture = next(iter(run_charts(diagnosis, PICTURE_SAMPLES)), None)
     write_page(
         path, title, document.sentence, list(_sections(diagnosis, document)),
         first=first, picture=picture or gap_chart(document), language=language,

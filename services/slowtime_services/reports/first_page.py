@@ -197,19 +197,17 @@ def _improvement(one: Improvement | None, words: Words) -> Iterator[str]:
     cells = "".join(f"<td>{_escaped(amount(value))}</td>" for value in columns.values())
     yield f'<div class="wide"><table><thead><tr>{heads}</tr></thead>'
     yield f"<tbody><tr>{cells}</tr></tbody></table></div>"
-    said = [words("improvement.given", change=_change(one.given, one.final, words))]
+    said = [_change("given", one.given, one.final, words)]
     if one.refitted is not None:
-        change = _change(one.refitted, one.final, words)
-        said.append(words("improvement.refitted", change=change))
+        said.append(_change("refitted", one.refitted, one.final, words))
     yield f"<p>{_escaped(' '.join(said))} {_escaped(one.meaning)}</p></div>"
 
 
-def _change(before: float, after: float, words: Words) -> str:
-    if before <= 0.0:
-        return words("change.none")
-    share = 1.0 - after / before
-    key = "change.less" if share >= 0.0 else "change.more"
-    return words(key, share=words.percent(abs(share), 3))
+def _change(which: str, before: float, after: float, words: Words) -> str:
+    """Write by how much the error has changed since one of the models."""
+    share = 1.0 - after / before if before > 0.0 else 0.0
+    kind = "less" if share > 0.0 else "more" if share < 0.0 else "same"
+    return words(f"improvement.{which}.{kind}", share=words.percent(abs(share), 3))
 
 
 def _facts(page: FirstPage, words: Words) -> Iterator[str]:
@@ -226,8 +224,9 @@ def _facts(page: FirstPage, words: Words) -> Iterator[str]:
     yield "</dl>"
 
 
-SIDE, MARGIN = 640.0, 46.0
-"""Width of a sketch, and its margin for names [CSS px]."""
+SIDE, MARGIN, TALL = 640.0, 46.0, 130.0
+"""Width of a sketch, its margin for names, and its greatest height within [CSS px]: with them
+every first page of the tests is one sheet of A4."""
 
 MOST_NAMES = 14
 """Points of a sketch that are all named [1]; of more, only those marked."""
@@ -240,9 +239,10 @@ def _sketch(page: FirstPage, words: Words) -> str:
         return ""
     xs = [x for _, x, _ in sketch.points]
     ys = [y for _, _, y in sketch.points]
-    scale = (SIDE - 2 * MARGIN) / max(max(xs) - min(xs), 1.6 * (max(ys) - min(ys)), 1e-12)
-    height = (max(ys) - min(ys)) * scale + 2 * MARGIN
-    left = 0.5 * (SIDE - (max(xs) - min(xs)) * scale)
+    across, up = max(xs) - min(xs), max(ys) - min(ys)
+    scale = min((SIDE - 2 * MARGIN) / max(across, 1e-12), TALL / max(up, 1e-12))
+    height = up * scale + 2 * MARGIN
+    left = 0.5 * (SIDE - across * scale)
     at = {
         name: (left + (x - min(xs)) * scale, height - MARGIN - (y - min(ys)) * scale)
         for name, x, y in sketch.points

@@ -26,9 +26,15 @@ CHANNELS = ("roof", "middle", "ground")
 
 def _mode(hz, kind="structural", flags=()):
     shape = np.array([1.0, 0.6, 0.1], dtype=complex) / np.linalg.norm([1.0, 0.6, 0.1])
-    damping = Measured(0.012, 0.001)
     return Mode(
-        Measured(hz, 0.002 * hz), damping, 0.1, shape, np.full(3, 0.01), kind, 0.9, flags
+        frequency_hz=Measured(hz, 0.002 * hz),
+        damping_ratio=Measured(0.012, 0.001),
+        correlation=0.1,
+        shape=shape,
+        shape_sd=np.full(3, 0.01),
+        kind=kind,
+        quality=0.9,
+        flags=flags,
     )
 
 

@@ -1,5 +1,6 @@
 """The report on a maintenance plan, made of the answer of `GET /twins/{id}/plan`."""
 
+import textwrap
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -14,8 +15,20 @@ NEAR = 0.1
 """Share of the least cost [1] by which an option may cost more and still stand beside the
 answer. Source: costs that owners state are seldom known better."""
 
+SAME = 1e-3
+"""Share of the least cost [1] below which two options cost the same: less than is printed."""
+
 DRAWN = 4
 """Options whose costs are drawn [1]: more cannot be told apart."""
+
+LETTERS = 40
+"""Letters of a line of the legend [1]: as many as a phone is wide."""
+
+MOST_BESIDE = 3
+"""Options beside the answer [1]; the table below has all."""
+
+HOUR_S = 3600.0
+"""Seconds of a unit of time above which instants are told by date [s], as the page does."""
 
 COLOURS = ("#0b6fb8", "#b3541e", "#2f8f5b", "#7a5ba6")
 
@@ -59,6 +72,10 @@ def _span(plan: Answer, time: float, words: Words) -> str:
     return f"{words.number(time)} {_unit(plan, words)}"
 
 
+def _is_dated(plan: Answer) -> bool:
+    return plan["seconds"] is not None and plan["seconds"] > HOUR_S
+
+
 def _unit(plan: Answer, words: Words) -> str:
     if plan["time_unit"] == "slow_time" and plan["slow_time_unit"]:
         return str(plan["slow_time_unit"])
@@ -67,7 +84,7 @@ def _unit(plan: Answer, words: Words) -> str:
 
 def _moment(plan: Answer, time: Answer, words: Words) -> str:
     span = _span(plan, time["ahead"], words)
-    if time["t"] is None:
+    if time["t"] is None or not _is_dated(plan):
         return words("plan.ahead", span=span)
     return words("plan.dated", date=time["t"][:10], span=span)
 
@@ -84,7 +101,9 @@ def _answer(plan: Answer, words: Words) -> str:
     last, act = plan["last_order"], plan["action"]
     if act == "repair" and last["lead_time"] > 0:
         act = "order"
-    best = plan["options"][0]
+    best, apart = plan["options"][0], plan["difference"]
+    if act == "undecided" and abs(apart["value"]) <= SAME * abs(best["cost"]["value"]):
+        act = "equal"
     said = [words(f"plan.act.{act}")]
     if last["status"] == "due":
         said.append(words("plan.due", when=_moment(plan, last["order"], words)))
@@ -109,11 +128,17 @@ def _confidence(plan: Answer, words: Words) -> Confidence:
 def _alternatives(plan: Answer, words: Words) -> Iterator[Alternative]:
     least = plan["options"][0]["cost"]["value"]
     other = None if plan["difference"] is None else plan["difference"]["other"]
-    for option in plan["options"][1:]:
-        near = option["cost"]["value"] <= least * (1 + NEAR)
-        if near or (option["words"] == other and not plan["decided"]):
-            cost = _money(plan, option["cost"]["value"], words)
-            yield Alternative(option["words"], words("plan.expected", cost=cost))
+    beside = [
+        option
+        for option in plan["options"][1:]
+        if option["cost"]["value"] <= least * (1 + NEAR)
+        or (option["words"] == other and not plan["decided"])
+    ]
+    # The option that does something else now comes first: it is what is to be decided.
+    beside.sort(key=lambda option: option["words"] != other)
+    for option in beside[:MOST_BESIDE]:
+        cost = _money(plan, option["cost"]["value"], words)
+        yield Alternative(option["words"], words("plan.expected", cost=cost))
 
 
 def _actions(plan: Answer, words: Words) -> Iterator[str]:
@@ -135,7 +160,7 @@ def _facts(plan: Answer, words: Words) -> Iterator[tuple[str, str]]:
     since = f"{words.number(plan['since'], 6)} {plan['slow_time_unit'] or ''}".strip()
     told = plan["times"][0]["t"]
     yield words("facts.data"), plan["id"]
-    yield words("facts.since"), f"{since} ({told[:10]})" if told else since
+    yield words("facts.since"), f"{since} ({told[:10]})" if told and _is_dated(plan) else since
     yield words("facts.horizon"), _span(plan, plan["horizon"]["ahead"], words)
     yield words("facts.lead"), _span(plan, last["lead_time"], words)
     sign = "<" if failure["toward"] == "below" else ">"
@@ -149,8 +174,10 @@ def _picture(plan: Answer, words: Words) -> Chart:
     x = [time["ahead"] for time in plan["times"]]
     traces = [
         {
-            "type": "scatter", "mode": "lines", "name": option["words"], "x": x,
-            "y": option["curve"], "line": {"color": colour, "width": 2.5 if not k else 1.4},
+            "type": "scatter", "mode": "lines", "x": x,
+            "name": "<br>".join(textwrap.wrap(option["words"], LETTERS)),
+            "y": option["curve"],
+            "line": {"color": colour, "width": 2.5 if not k else 1.4},
         }
         for k, (option, colour) in enumerate(
             zip(plan["options"][:DRAWN], COLOURS, strict=False)
@@ -162,7 +189,7 @@ def _picture(plan: Answer, words: Words) -> Chart:
             "title": {"text": words("plan.axis_cost", currency=plan["currency"])},
             "rangemode": "tozero",
         },
-        "legend": {"orientation": "v", "y": -0.3, "yanchor": "top"},
+        "legend": {"orientation": "v", "x": 0, "xanchor": "left", "y": -0.3, "yanchor": "top"},
     }  # fmt: skip
     return Chart(traces, layout, words("plan.picture"))
 
