@@ -183,7 +183,9 @@ def _best(
     assert best is not None
     _, parameters, cycle, spent, follow = best
     now = cycle.end == 0 if cycle.ordered is None else cycle.ordered == 0
-    repairs = bool(np.mean(now & ~(cycle.failed & (cycle.end == 0))) > 0.5)
+    # What is done now is done where it has not failed yet.
+    alive = ~(cycle.failed & (cycle.end == 0))
+    repairs = bool(alive.any() and np.mean(now[alive]) > 0.5)
     option = Option(
         name,
         "repair" if repairs else "wait",

@@ -109,7 +109,7 @@ def test_pictures_are_thinned_without_losing_an_extreme(answer):
 def test_the_page_stands_alone_and_begins_with_the_sentence(out, answer):
     page = (out / "report.html").read_text()
     assert "<h1>The model lacks an effect: slide</h1>" in page
-    assert page.index("Cubic hardening at element j") < page.index("The gap")
+    assert page.index("cubic hardening at element j") < page.index("The gap")
     for heading in ("The force recovered", "What is left", "Where and when", "Constants"):
         assert f"<h2>{heading}</h2>" in page
     assert 'src="http' not in page

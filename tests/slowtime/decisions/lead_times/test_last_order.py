@@ -198,3 +198,15 @@ def test_readings_that_come_anyway_are_awaited_where_they_tell_who_needs_a_repai
     assert option.parameters["at"] == pytest.approx(1.0)
     blind = make_plan(one, costs, dataclasses.replace(terms, observations=()))
     assert {o.name for o in blind.options} == {o.name for o in plan.options} - {"read_on"}
+
+
+def test_a_threshold_that_orders_in_every_future_that_is_left_orders_now():
+    """Where the estimate is about at the threshold, most futures count as failed already."""
+    one = futures(start=0.97)
+    failed = np.arange(len(one.damage)) % 4 > 0
+    damage = one.damage + np.where(failed, 0.05, 0.0)[:, None]
+    most = from_paths(TIME, damage, renewed=one.renewed)
+    assert float(np.mean(most.failure_time == 0.0)) == pytest.approx(0.75)
+    plan = make_plan(most, COSTS, Terms(access=Access(lead=0.5)))
+    (option,) = (o for o in plan.options if o.name == "estimate_threshold")
+    assert option.now == "repair"
