@@ -12,7 +12,7 @@ from slowtime.identification.subspace.stabilisation import Stabilisation
 from slowtime.reliability import Problem, estimate, marginal
 from slowtime_cli.records import mode_tables
 from slowtime_services.diagnose import document_of, write_report
-from slowtime_services.reports import Sketch, Words
+from slowtime_services.reports import Section, Sketch, Words
 from slowtime_services.reports.kinds.modes import modes_page
 from slowtime_services.reports.kinds.plan import write_plan_report
 from slowtime_services.reports.kinds.reliability import write_reliability_report
@@ -59,7 +59,7 @@ def modes(path: Path, language: str) -> None:
     )
     table = mode_tables._table(result, ())
     spectra = mode_tables._spectra(result, "Spectra.")
-    sections = [mode_tables.Section("Modes", (), [table])]
+    sections = [Section("Modes", (), [table])]
     write_page(
         path, "Modes", first.answer, sections, first=first, picture=spectra, language=language
     )

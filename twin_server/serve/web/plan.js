@@ -16,7 +16,7 @@ function rowOf(option, ahead) {
   const row = make("tr"), title = english(make("th", option.words)), { value, lo, hi } = option.cost;
   title.scope = "row";
   row.dataset.option = option.name;
-  row.append(title, make("td", t(`plan.act.${option.now === "repair" && ahead ? "order" : option.now}`)), make("td", amount(value)), make("td", range(amount(lo), amount(hi))));
+  row.append(title, make("td", ahead && option.now === "repair" ? t("plan.act.order") : t(`plan.act.${option.now}`)), make("td", amount(value)), make("td", range(amount(lo), amount(hi))));
   row.append(make("td", option.failures < 0.0005 ? "0" : digits(option.failures, 2)));
   return row;
 }
