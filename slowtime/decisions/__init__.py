@@ -4,6 +4,7 @@ from .comparison import BreakEven, Ranking, rank
 from .costs import ITEMS, Cost, Costs
 from .ensemble import Ensemble, from_paths
 from .information import Information, linear_loss, value_of_information
+from .lead_times import Access, LastOrder
 from .lookahead import Lookahead, look_ahead
 from .markov import BeliefSolution, Process, Solution, solve_beliefs, value_iteration
 from .observations import Observation, Worth
@@ -14,6 +15,7 @@ from .rules import EstimateError
 
 __all__ = [
     "ITEMS",
+    "Access",
     "AgePolicy",
     "BeliefSolution",
     "BreakEven",
@@ -22,6 +24,7 @@ __all__ = [
     "Ensemble",
     "EstimateError",
     "Information",
+    "LastOrder",
     "Lookahead",
     "Observation",
     "Option",

@@ -33,11 +33,14 @@ class Cycle:
         Whether a failure ends it, rather than a planned repair.
     inspected
         Number of inspections at each time.
+    ordered
+        Index of the time at which the planned repair was ordered; None where none is planned.
     """
 
     end: Int[np.ndarray, " path"]
     failed: Bool[np.ndarray, " path"]
     inspected: Float[np.ndarray, "path time"] | None = None
+    ordered: Int[np.ndarray, " path"] | None = None
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

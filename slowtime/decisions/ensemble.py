@@ -6,6 +6,8 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float, Int
 
+from .lead_times import Access
+
 NEVER = np.inf
 
 
@@ -30,6 +32,8 @@ class Ensemble:
         Gives the futures of an asset that starts at a given damage: 0 as new, more after a
         repair that does not restore all; by default the increments of these futures from that
         damage on.
+    access
+        Lead time of a repair, and the windows in which it may take effect.
 
     Raises
     ------
@@ -42,6 +46,7 @@ class Ensemble:
     failure_time: Float[np.ndarray, " path"]
     weights: Float[np.ndarray, " path"]
     renewed: Callable[[float], "Ensemble"] | None = None
+    access: Access = dataclasses.field(default_factory=Access)
 
     def __post_init__(self) -> None:
         steps = np.diff(self.time)

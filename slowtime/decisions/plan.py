@@ -11,6 +11,7 @@ from .continuation import Follow, payments, per_path
 from .costs import CLOSED, CLOSING, INSPECTION, ITEMS, Costs, discount
 from .ensemble import Ensemble
 from .information import value_of_information
+from .lead_times import Access, LastOrder, last_order_by_cost, last_order_by_probability
 from .lookahead import never_items, repair_items
 from .observations import (
     Actions,
@@ -51,6 +52,11 @@ class Terms:
         How an inspection that may be ordered measures; None where none can be.
     observations
         Others that may be ordered: sensors, more readings.
+    access
+        Lead time of a repair, and the windows in which it may take effect.
+    accepted
+        Accepted probability of a failure before a repair takes effect [1]: the last order is
+        judged by it; None to judge it by cost.
     seed
         Of draws of costs.
     """
@@ -60,6 +66,8 @@ class Terms:
     window: float = 0.0
     inspection: Observation | None = None
     observations: tuple[Observation, ...] = ()
+    access: Access = dataclasses.field(default_factory=Access)
+    accepted: float | None = None
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -92,6 +100,8 @@ class Plan:
         By each time [1].
     futures
         What it was made of.
+    last_order
+        The last order of a repair that is in time.
     """
 
     options: tuple[Option, ...]
@@ -102,6 +112,7 @@ class Plan:
     repair_cost: Float[np.ndarray, " time"]
     failure_probability: Float[np.ndarray, " time"]
     futures: Ensemble
+    last_order: LastOrder
 
     @property
     def best(self) -> Option:
@@ -131,6 +142,7 @@ def make_plan(futures: Ensemble, costs: Costs, terms: Terms) -> Plan:
     Options with expected costs until the horizon; each includes what follows the first renewal:
     for repairs and inspections now or at a time, the best standing policy.
     """
+    futures = dataclasses.replace(futures, access=terms.access)
     starts = Starts.of(futures, terms.restored)
     window = _window(futures, terms.window)
     inspection = terms.inspection
@@ -155,6 +167,7 @@ def make_plan(futures: Ensemble, costs: Costs, terms: Terms) -> Plan:
     least = _least(options, futures, prices)
     if inspection is not None:
         options += _inspections(futures, costs, inspection, actions)
+    options += _readings(futures, costs, terms, actions)
     means = np.array([float(each.quantities(futures.weights) @ prices) for each in options])
     order = np.argsort(means, kind="stable")
     options = [options[k] for k in order]
@@ -168,7 +181,22 @@ def make_plan(futures: Ensemble, costs: Costs, terms: Terms) -> Plan:
         expected,
         futures.failure_probability(),
         futures,
+        _last_order(futures, items, never, prices, terms),
     )
+
+
+def _last_order(
+    futures: Ensemble,
+    items: Float[np.ndarray, "path time item"],
+    never: Float[np.ndarray, "path item"],
+    prices: Float[np.ndarray, " item"],
+    terms: Terms,
+) -> LastOrder:
+    failing, weights = futures.failure_time, futures.weights
+    if terms.accepted is not None:
+        return last_order_by_probability(failing, weights, terms.access, terms.accepted)
+    cost = np.append(items @ prices, (never @ prices)[:, None], axis=1)
+    return last_order_by_cost(futures.time, cost, failing, weights, terms.access)
 
 
 def _window(futures: Ensemble, given: float) -> int:
@@ -196,7 +224,9 @@ def _actions(
     never: Float[np.ndarray, "path item"],
     follow: Follow,
 ) -> Actions:
-    index = _denser_at_first(len(futures.time), LATER)
+    time = futures.time
+    planned = futures.access.planned_index(time)[_denser_at_first(len(time), LATER)]
+    index = np.unique(planned[planned < len(time)])
     every = np.concatenate([items[:, index], never[:, None]], axis=1)
     cycles = tuple(at_age(futures, k) for k in (*index.tolist(), len(futures.time)))
     return Actions(cycles, every, follow, (*index.tolist(), len(futures.time)))
@@ -215,7 +245,8 @@ class _Left:
     def since(self, index: int) -> Actions:
         """Planned repairs from an index on, and thresholds on the estimate from it on."""
         if index not in self._kept:
-            left = self._planned.since(index)
+            first = self._futures.access.effect_index(self._futures.time)[index]
+            left = self._planned.since(int(first))
             seen = self._estimates.copy()
             seen[:, :index] = -np.inf
             cycles = [at_estimate(self._futures, level, seen) for level in LEVELS_AFTER]
@@ -245,22 +276,30 @@ def _repairs(
     costs: Costs,
     follow: Follow,
 ) -> list[Option]:
-    """Repair now, and at the best later time."""
-    best = 1 + int(expected[1:].argmin())
-    chosen: tuple[tuple[str, Now, int, dict[str, float]], ...] = (
-        ("repair_now", "repair", 0, {}),
-        ("repair_at", "wait", best, {"at": float(futures.time[best])}),
-    )
+    """Order a repair now, and at the best later time at which it can take effect."""
+    time, access = futures.time, futures.access
+    at = access.effect_times(time)
+    now = int(access.effect_index(time)[0])
+    later = np.flatnonzero(np.isfinite(at) & (np.arange(len(time)) > now))
+    chosen: list[tuple[str, Now, int, float]] = []
+    if now < len(time):
+        chosen.append(("repair_now", "repair", now, access.effect(0.0)))
+    if len(later):
+        least = float(expected[later].min())
+        # Of equal costs the last: waiting forgoes nothing, and readings may tell more.
+        same = expected[later] <= least + 1e-9 * abs(least)
+        best = int(later[np.flatnonzero(same)[-1]])
+        chosen.append(("repair_at", "wait", best, float(at[best])))
     return [
         Option(
             name,
-            now,
+            act,
             items[:, index],
             payments(at_age(futures, index), futures, costs).until(follow),
-            given,
-            np.where(futures.failure_time > futures.time[index], futures.time[index], np.inf),
+            {"at": effect, "order": 0.0 if act == "repair" else effect - access.lead},
+            np.where(futures.failure_time > time[index], effect, np.inf),
         )
-        for name, now, index, given in chosen
+        for name, act, index, effect in chosen
     ]
 
 
@@ -304,15 +343,38 @@ def _inspected(
     futures: Ensemble, costs: Costs, inspection: Observation, actions: _Left, index: int
 ) -> tuple[Float[np.ndarray, "path item"], Float[np.ndarray, "path action"], float]:
     """Items of each future, the probability of each action, and that another one is taken."""
+    items, taken, changes = _decided(futures, costs, inspection, actions, index)
+    return items + _of_inspection(futures, costs, index), taken, changes
+
+
+def _decided(
+    futures: Ensemble, costs: Costs, observation: Observation, actions: _Left, index: int
+) -> tuple[Float[np.ndarray, "path item"], Float[np.ndarray, "path action"], float]:
+    """Give the same of what is decided after an observation, without what that costs."""
     left, weights = actions.since(index), futures.weights
-    likelihood = likelihood_of(inspection, index, futures.time, futures.damage, weights)
+    likelihood = likelihood_of(observation, index, futures.time, futures.damage, weights)
     found = value_of_information(left.items @ costs.prices(), weights, likelihood)
     taken = np.zeros((len(weights), len(left.cycles)))
     for outcome, action in enumerate(found.actions.tolist()):
         taken[:, action] += likelihood[:, outcome]
-    own = _of_inspection(futures, costs, index)
-    items = np.einsum("pa,pai->pi", taken, left.items) + own
+    items = np.einsum("pa,pai->pi", taken, left.items)
     return items, taken, float(found.changes)
+
+
+def _readings(futures: Ensemble, costs: Costs, terms: Terms, actions: _Left) -> list[Option]:
+    """Take the readings that come anyway, and decide by what they show: the best count."""
+    best: Option | None = None
+    prices = costs.prices()
+    for one in terms.observations:
+        index = index_of(one, futures.time)
+        if one.kind != "readings" or one.cost > 0.0 or not 0 < index < len(futures.time) - 1:
+            continue
+        items, taken, changes = _decided(futures, costs, one, actions, index)
+        if best is None or float(futures.weights @ ((items - best.items) @ prices)) < 0.0:
+            given = {"at": float(futures.time[index]), "changes": changes}
+            curve = _curve_after(futures, costs, actions.since(index), taken, None)
+            best = Option("read_on", "wait", items, curve, given)
+    return [] if best is None else [best]
 
 
 def _of_inspection(
@@ -329,9 +391,12 @@ def _curve_after(
     costs: Costs,
     left: Actions,
     taken: Float[np.ndarray, "path action"],
-    index: int,
+    inspected: int | None,
 ) -> Float[np.ndarray, "time item"]:
-    """Give expected items until each time: those of each action where it is taken."""
+    """Give expected items until each time: those of each action where it is taken.
+
+    `inspected` is the index of the time of an inspection, None without one.
+    """
     found = np.zeros((len(futures.time), len(ITEMS)))
     for column, cycle in enumerate(left.cycles):
         shares = futures.weights * taken[:, column]
@@ -339,7 +404,8 @@ def _curve_after(
         if total > 0.0:
             some = dataclasses.replace(futures, weights=shares / total)
             found += total * payments(cycle, some, costs).until(left.follow)
-    found[index:] += futures.weights @ _of_inspection(futures, costs, index)
+    if inspected is not None:
+        found[inspected:] += futures.weights @ _of_inspection(futures, costs, inspected)
     return found
 
 

@@ -53,21 +53,28 @@ def run_to_failure(futures: Ensemble) -> Cycle:
 
 
 def at_age(futures: Ensemble, index: int) -> Cycle:
-    """Repair at the time of `index`, unless it fails before."""
-    return _first(futures, np.full(len(futures.weights), index))
+    """Repair at the time of `index`, or once it can be done, unless it fails before.
+
+    The repair is ordered as late as its lead time allows.
+    """
+    time, access = futures.time, futures.access
+    effect = int(access.planned_index(time)[index])
+    ordered = np.flatnonzero(access.effect_index(time)[:-1] <= effect)
+    order = int(ordered[-1]) if effect < len(time) and len(ordered) else len(time)
+    return _first(futures, *(np.full(len(futures.weights), at) for at in (effect, order)))
 
 
 def at_estimate(
     futures: Ensemble, threshold: float, estimates: Float[np.ndarray, "path time"]
 ) -> Cycle:
-    """Repair as soon as the estimate of the damage reaches a threshold.
+    """Order a repair as soon as the estimate of the damage reaches a threshold.
 
     Parameters
     ----------
     futures
         Futures of the asset.
     threshold
-        Damage at which to repair [1].
+        Damage at which to order a repair [1].
     estimates
         Estimate of the damage in each future [1].
 
@@ -75,13 +82,13 @@ def at_estimate(
     -------
     Cycle of the asset in each future.
     """
-    return _first(futures, _reached(estimates >= threshold))
+    return _ordered(futures, _reached(estimates >= threshold))
 
 
 def by_inspection(
     futures: Ensemble, every: int, threshold: float, measured: Float[np.ndarray, "path time"]
 ) -> Cycle:
-    """Inspect at equal intervals, and repair where the measured damage reaches a threshold.
+    """Inspect at equal intervals, and order a repair where the damage reaches a threshold.
 
     Parameters
     ----------
@@ -100,8 +107,12 @@ def by_inspection(
     """
     count = len(futures.time)
     due = (np.arange(count) % every == 0) & (np.arange(count) > 0)
-    found = _first(futures, _reached((measured >= threshold) & due))
-    before = np.arange(count) < found.end[:, None] + ~found.failed[:, None]
+    order = _reached((measured >= threshold) & due)
+    found = _ordered(futures, order)
+    # Nothing is inspected any more between the order and the repair.
+    before = (np.arange(count) < found.end[:, None] + ~found.failed[:, None]) & (
+        np.arange(count) <= order[:, None]
+    )
     return dataclasses.replace(found, inspected=(due & before).astype(float))
 
 
@@ -148,8 +159,15 @@ def _reached(where: Bool[np.ndarray, "path time"]) -> Int[np.ndarray, " path"]:
     return np.asarray(np.where(where.any(axis=1), where.argmax(axis=1), where.shape[1]))
 
 
-def _first(futures: Ensemble, repair: Int[np.ndarray, " path"]) -> Cycle:
+def _ordered(futures: Ensemble, order: Int[np.ndarray, " path"]) -> Cycle:
+    """Repair when an order takes effect that is placed at an index of each future."""
+    return _first(futures, futures.access.effect_index(futures.time)[order], order)
+
+
+def _first(
+    futures: Ensemble, repair: Int[np.ndarray, " path"], order: Int[np.ndarray, " path"]
+) -> Cycle:
     """End each cycle by what comes first; a failure before the time of a repair does."""
     fails = futures.failure_index()
     failed = (fails <= repair) & (fails < len(futures.time))
-    return Cycle(np.minimum(fails, repair), failed)
+    return Cycle(np.minimum(fails, repair), failed, ordered=order)

@@ -1,7 +1,7 @@
 """Standing policies side by side: each tuned on the futures, with its own continuation."""
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -50,8 +50,12 @@ class Starts:
         -------
         Futures from now, of a new asset, and of one repaired from a damage of 1.
         """
-        worn = None if restored >= 1.0 else futures.after_repair(1.0 - restored)
-        return cls(futures, futures.after_repair(0.0), worn)
+        later = futures.access.on_average(futures.horizon)
+
+        def after(start: float) -> Ensemble:
+            return dataclasses.replace(futures.after_repair(start), access=later)
+
+        return cls(futures, after(0.0), None if restored >= 1.0 else after(1.0 - restored))
 
     def follow(self, rule: Rule, costs: Costs) -> Follow:
         """V of a rule."""
@@ -107,7 +111,7 @@ def standing_policies(
             [({"age": float(starts.now.time[k])}, _age(k)) for k in steps],
         )
     )
-    found.append(_fixed_interval(starts, costs, steps))
+    found += _fixed_interval(starts, costs, _possible(starts.now, steps))
     found.append(_thresholds(starts, costs, seen))
     levels: list[tuple[dict[str, float], Rule]] = []
     for chance in PROBABILITIES:
@@ -178,7 +182,10 @@ def _best(
             best = cost, parameters, cycle, spent, follow
     assert best is not None
     _, parameters, cycle, spent, follow = best
-    repairs = bool(np.mean((cycle.end == 0) & ~cycle.failed) > 0.5)
+    now = cycle.end == 0 if cycle.ordered is None else cycle.ordered == 0
+    # What is done now is done where it has not failed yet.
+    alive = ~(cycle.failed & (cycle.end == 0))
+    repairs = bool(alive.any() and np.mean(now[alive]) > 0.5)
     option = Option(
         name,
         "repair" if repairs else "wait",
@@ -196,8 +203,16 @@ def _repair_time(cycle: Cycle, futures: Ensemble) -> Float[np.ndarray, " path"]:
     return np.where(cycle.failed, np.inf, times)
 
 
-def _fixed_interval(starts: Starts, costs: Costs, steps: Iterable[int]) -> Standing:
+def _possible(futures: Ensemble, steps: Iterable[int]) -> list[int]:
+    """Give the intervals of which every multiple can be the time of a repair."""
+    can = np.isfinite(futures.access.effect_times(futures.time))
+    return [k for k in steps if can[k::k].all()]
+
+
+def _fixed_interval(starts: Starts, costs: Costs, steps: Sequence[int]) -> list[Standing]:
     """Repair at multiples of an interval from now on, whatever has failed in between."""
+    if not steps:
+        return []
     failing = starts.follow(rules.run_to_failure, costs)
     first = payments(rules.run_to_failure(starts.now), starts.now, costs).until(failing)
     weight = discount(starts.now.time, costs.discount_rate)
@@ -225,7 +240,7 @@ def _fixed_interval(starts: Starts, costs: Costs, steps: Iterable[int]) -> Stand
         {"every": float(starts.now.time[k])},
         np.full(len(items), starts.now.time[k]),
     )
-    return Standing(option, Follow(value, value))
+    return [Standing(option, Follow(value, value))]
 
 
 def _until_interval(

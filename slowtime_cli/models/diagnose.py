@@ -15,9 +15,16 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from slowtime.discrepancy.diagnosis import Diagnosis
 from slowtime.discrepancy.refinement.force_surface import SurfaceDemand
 from slowtime.discrepancy.search import SearchOptions
+from slowtime_cli.shared.report_flags import report_language
 from slowtime_cli.shared.terminal import ERR, note, show, shows_progress
 from slowtime_schemas.files.diagnosis import DiagnosisFile, Where
-from slowtime_services.diagnose import diagnose_records, read_any, roles_of, write_results
+from slowtime_services.diagnose import (
+    diagnose_records,
+    read_any,
+    roles_of,
+    write_report,
+    write_results,
+)
 from slowtime_services.diagnose.labels import labelled, number
 from slowtime_services.engines import Limits, usable_cores
 from slowtime_services.files import DateOrder, Repeated
@@ -57,6 +64,7 @@ def diagnose(
     limit_s: float | None,
     limit_mib: int | None,
     retries: int,
+    report: Path | None,
 ) -> None:
     """Find effects that a model lacks, with their place and size."""
     if batch is not None:
@@ -72,7 +80,7 @@ def diagnose(
         from .diagnose_history import diagnose_history
 
         with _stages() as progress:
-            diagnose_history(history, twin, out, progress)
+            diagnose_history(history, twin, out, progress, report)
         return
     assert model is not None
     kinds = known(effects)
@@ -99,7 +107,10 @@ def diagnose(
         )  # fmt: skip
     for text in document.notes:
         note(text)
-    write_results(out, found, document)
+    language = report_language()
+    write_results(out, found, document, language=language)
+    if report is not None:
+        write_report(report, found, document, language=language)
     _tell(found, document, out)
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from slowtime_cli.shared.report_flags import report_language
 from slowtime_cli.shared.terminal import show
 from slowtime_services.diagnose.history_document import (
     diagnose_with_document,
@@ -25,12 +26,16 @@ MAX_READINGS = 200_000
 
 
 def diagnose_history(
-    source: str, twin: str | None, out: Path, progress: Callable[[str, float], None]
+    source: str,
+    twin: str | None,
+    out: Path,
+    progress: Callable[[str, float], None],
+    page: Path | None = None,
 ) -> None:
     """Diagnose a history, write the report, and print the result."""
     history = _history(source, twin)
     report, document = diagnose_with_document(history, progress=progress)
-    write_history_results(out, report, document)
+    write_history_results(out, report, document, page=page, language=report_language())
     click.echo(f"{report.verdict.replace('_', ' ')}: {report.sentence}")
     rows = []
     for effect in report.effects:

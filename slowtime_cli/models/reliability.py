@@ -9,9 +9,11 @@ from typing import Any
 import click
 
 from slowtime.reliability import METHODS, DesignPoint, Problem, Result, estimate
+from slowtime_cli.shared.report_flags import report_language
 from slowtime_cli.shared.terminal import note, show
 from slowtime_cli.verbs.models.reliability import DEFAULT
 from slowtime_services.problem_files.reliability import read_problem
+from slowtime_services.reports.kinds.reliability import write_reliability_report
 
 COLUMNS = ("method", "P_f [1]", "95 % interval [1]", "beta [1]", "c.o.v. [%]", "calls [1]")
 MAX_POINTS = 5
@@ -26,6 +28,7 @@ def reliability(
     calls: int,
     seed: int,
     as_json: bool,
+    report: Path | None,
 ) -> None:
     """Apply each method in turn, and print the results.
 
@@ -45,6 +48,10 @@ def reliability(
             refused[method] = str(error)
     if not found:
         raise ValueError("; ".join(f"{method}: {said}" for method, said in refused.items()))
+    if report is not None:
+        write_reliability_report(
+            report, problem.name, read, found, refused, seed=seed, language=report_language()
+        )
     if as_json:
         body = {
             "inputs": list(read.names),

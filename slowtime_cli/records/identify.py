@@ -35,7 +35,7 @@ from slowtime_services.modal.losses import Completed, Gaps, completed, widened, 
 
 from . import mode_tables
 from .modes_file import write_modes_file
-from .shape_scenes import spatial_section
+from .shape_scenes import sketch_of_places, spatial_section
 
 F = TypeVar("F", Identified, Mode)
 Samples = np.ndarray[Any, Any]
@@ -152,6 +152,11 @@ def identify(
                     shapes=not mixed,
                     extra=spatial,
                     selection=selection,
+                    about={
+                        "rate_hz": record.rate_hz,
+                        "duration_s": duration_s,
+                        "sketch": sketch_of_places(known, record.channels),
+                    },
                 )
     else:
         epochs = _windows(record, samples, window_s, hop_s, band_hz, method)

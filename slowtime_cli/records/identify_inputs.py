@@ -110,6 +110,7 @@ def identify(
             shapes=not mixed,
             captions=CAPTIONS,
             selection=selection,
+            about={"rate_hz": part.rate_hz, "duration_s": len(part.samples) / part.rate_hz},
             extra=[
                 *spatial,
                 *response_sections(found, measured.output_channels, measured.input_channels),

@@ -1,7 +1,7 @@
 """Tables, JSON and reports of the modes of many channels."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +16,12 @@ from slowtime.identification.mode_shapes.criteria import mac, mpc
 from slowtime.identification.modes import Mode
 from slowtime.identification.selection import Selection
 from slowtime.identification.subspace.stabilisation import Stabilisation
+from slowtime_cli.shared.report_flags import report_language
 from slowtime_cli.shared.terminal import show
 from slowtime_services.modal import ENDING, read_modes, write_selection
 from slowtime_services.modal.entries import mode_entry
-from slowtime_services.reports import Chart, Section, Table, write_page
+from slowtime_services.reports import Chart, Section, Table, Words, write_page
+from slowtime_services.reports.kinds.modes import modes_page
 
 from .mac_charts import mac_charts
 
@@ -27,6 +29,11 @@ ModelMode = tuple[float, Complex[np.ndarray, " channel"] | None]
 """Natural frequency [Hz], and the shape at the record's channels where all are in the model."""
 
 COLUMNS = ("frequency [Hz]", "damping [%]", "kind", "collinearity", "quality", "mistrust")
+COLUMNS_TOLD = (
+    "± is one standard deviation. Collinearity is 1 for a shape whose points move in phase. "
+    "Quality is the share of the model orders that could have shown the mode and did. Mistrust "
+    "says why a mode is doubted."
+)
 MAX_SHAPES = 12
 """Shapes that a report draws at most [1]."""
 BINS_PER_DECADE = 250
@@ -195,22 +202,24 @@ def write_report(
     extra: Sequence[Section] = (),
     captions: Captions = AMBIENT,
     selection: Selection | None = None,
+    about: Mapping[str, Any] | None = None,
 ) -> None:
     """Write table, `extra` sections, spectra, stabilisation diagram and shapes as one page.
+
+    `about` holds rate, duration and sketch of the first page, as `modes_page` takes them.
 
     Beside a page with a stabilisation diagram stands the file of the choice of modes.
     """
     structural = len(result.structural)
-    lines = len(result.modes) - structural
-    lead = (
-        f"{structural} {'mode' if structural == 1 else 'modes'} of vibration and {lines} "
-        f"{'line' if lines == 1 else 'lines'} of machines, identified from "
-        f"{', '.join(channels)}. ± is one standard deviation."
-    )
+    language = report_language()
+    words = Words(language)
+    first = modes_page(name, result, channels, words, **(about or {}))
+    table = dataclasses.replace(_table(result, models), caption=COLUMNS_TOLD)
+    spectra = _spectra(result, captions.spectra)
     sections = [
-        Section("Modes", result.notes, [_table(result, models)]),
+        Section("Modes", result.notes, [table]),
         *extra,
-        Section("Spectra", (), [_spectra(result, captions.spectra)]),
+        Section("Spectra", (), [spectra]),
     ]
     if len(result.stabilisation.order):
         sections.append(
@@ -221,7 +230,10 @@ def write_report(
         sections.append(Section("Shapes", (), [*drawn, *mac_charts(result, models)]))
     if len(result.stabilisation.order):
         write_selection(path.with_suffix(ENDING), name, selection, result.modes)
-    write_page(path, f"Modes of {name}", lead, sections)
+    write_page(
+        path, f"{words('kind.modes')}: {name}", first.answer, sections,
+        first=first, picture=spectra, language=language,
+    )  # fmt: skip
 
 
 def _range(result: ModalResult) -> list[float]:

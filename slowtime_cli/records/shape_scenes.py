@@ -1,5 +1,6 @@
 """The part of a report of `identify` that shows mode shapes in space."""
 
+import itertools
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from slowtime_services.models import (
     read_finite_elements,
     read_model,
 )
-from slowtime_services.reports import Scene, Section
+from slowtime_services.reports import Scene, Section, Sketch
 from slowtime_services.wireframes import (
     MeasuredShapes,
     ModelShapes,
@@ -151,3 +152,21 @@ def _of_universal(
                 sign = 1.0 if place.axis > 0 else -1.0
                 moved[row, number[str(place.node)], abs(place.axis) - 1] = sign * value
     return wire, ModelShapes(np.array([mode.frequency_hz for mode in read.modes]), moved)
+
+
+def sketch_of_places(known: Geometry | None, channels: Sequence[str]) -> Sketch | None:
+    """Sketch a structure by the positions of its sensors, seen from the side that is widest."""
+    if known is None or not known.nodes:
+        return None
+    every = np.array(list(known.nodes.values()), dtype=float)
+    wide = np.argsort(-np.ptp(every, axis=0))[:2]
+    across, up = sorted(int(axis) for axis in wide)
+    points = [(str(n), float(at[across]), float(at[up])) for n, at in known.nodes.items()]
+    lines = [
+        (f"{first}–{last}", str(first), str(last))
+        for line in known.lines
+        for first, last in itertools.pairwise(line)
+        if first and last and first in known.nodes and last in known.nodes
+    ]
+    marked = {str(known.places[name].node) for name in channels if name in known.places}
+    return Sketch(points, lines, tuple(sorted(marked)))

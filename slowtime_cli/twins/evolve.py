@@ -17,6 +17,7 @@ from slowtime.identification.single_mode.sliding_windows import dependence
 from slowtime_cli.shared.input_errors import validation_message
 from slowtime_cli.shared.offline_twin import offline_twin
 from slowtime_cli.shared.options import STDOUT
+from slowtime_cli.shared.report_flags import report_language
 from slowtime_cli.shared.terminal import note, show, write_json
 from slowtime_schemas.codec import encode
 from slowtime_schemas.messages import Features, Mode, Quality
@@ -27,6 +28,7 @@ from slowtime_services.bus import Sample
 from slowtime_services.documents.bounds import DATA, DocumentError, document_text
 from slowtime_services.documents.document_files import read_json_file
 from slowtime_services.replay import contents, read_recording
+from slowtime_services.reports.kinds.state import write_state_report
 from twin_server.history.rendering import points, state_objects
 from twin_server.registration.nominal import Nominal
 from twin_server.registration.twin import Registration
@@ -67,6 +69,7 @@ def evolve(
     learn_epochs: int,
     asset: str | None,
     out: Path | None,
+    report: Path | None,
 ) -> None:
     """Estimate changes of stiffness and mass from frequencies."""
     registration = registration_of(changes, nominal_hz, nominal_damping, learn_epochs)
@@ -89,6 +92,9 @@ def evolve(
         _show(states, changes)
     if out is not None:
         write_json(out, {"points": states})
+    if report is not None:
+        name = source.name if twin_id == f"{SITE}.{ASSET}" else twin_id
+        write_state_report(report, name, states, changes, language=report_language())
 
 
 def samples_of(source: Path, asset: str | None) -> tuple[str, Iterator[Sample]]:

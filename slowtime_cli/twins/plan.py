@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from slowtime_cli.shared.options import STDOUT
+from slowtime_cli.shared.report_flags import report_language
 from slowtime_cli.shared.terminal import note, show, write_json
 from slowtime_cli.twins.twin_query import TwinQuery, ask_server
 from slowtime_services.client import AnswerError, Client, UnreachableError
@@ -22,9 +23,14 @@ def plan(
     window_d: float,
     budget: float | None,
     out: Path | None,
+    lead_time: float | None,
+    months: str | None,
+    accepted: float | None,
+    report: Path | None,
     **twin: Any,
 ) -> None:
     """Recommend an action for a twin, or where a fleet's teams should go."""
+    terms = {"lead_time": lead_time, "months": months, "accepted": accepted}
     asked = TwinQuery(**twin)
     if fleet:
         query = {"teams": teams, "visits": visits, "window_d": window_d, "budget": budget}
@@ -34,14 +40,25 @@ def plan(
             note(f"{one['id']}: {one['reason']}")
         return
     if asked.server is not None:
-        body = ask_server(asked, "GET", "plan")
+        body = ask_server(asked, "GET", "plan", query=terms)
     else:
+        from twin_server.registration.costs import RepairTerms
+
         from .file_twin import problems_told, twin_of_file
 
         with twin_of_file(asked) as (knowledge, twin_id, registration), problems_told():
             _refuse_calendar(asked.source, registration)
-            body = knowledge.plan(twin_id)
+            try:
+                body = knowledge.plan(twin_id, terms=RepairTerms(**terms))
+            except ValueError as error:
+                raise click.UsageError(str(error)) from error
     _tell(body, out, _show_plan)
+    if report is not None:
+        from slowtime_services.reports.kinds.plan import write_plan_report
+
+        write_plan_report(report, body, language=report_language())
+    if body["last_order"] is not None:
+        note(body["last_order"]["sentence"])
     for change in body["changes"]:
         note(change)
 

@@ -13,6 +13,7 @@ from twin_server.estimate.elements import spatial_scene
 from twin_server.identity.principals import Principal
 from twin_server.orders import SimulationOrder
 from twin_server.persist import History, Store
+from twin_server.registration.costs import RepairTerms
 from twin_server.registration.thresholds import Limit
 from twin_server.registration.twin import Registration
 from twin_server.serve import HistoryPart, Hub, Moment, ProblemError, TwinForecast
@@ -205,10 +206,23 @@ class TwinKnowledge:
         return self._assessing.risk(twin_id, horizon, since)
 
     def plan(
-        self, twin_id: str, *, stale: bool = False, since: float | None = None
+        self,
+        twin_id: str,
+        *,
+        stale: bool = False,
+        since: float | None = None,
+        terms: RepairTerms | None = None,
     ) -> dict[str, Any]:
-        """Return the maintenance plan of a twin; with `stale`, one of some readings ago."""
-        return self._planning.plan(twin_id, stale=STALE if stale else 0, since=since)
+        """Return the maintenance plan of a twin; with `stale`, one of some readings ago.
+
+        `terms` are terms of a repair other than those registered.
+        """
+        return self._planning.plan(
+            twin_id,
+            stale=STALE if stale else 0,
+            since=since,
+            terms=terms or RepairTerms(),
+        )
 
     def conclusion(
         self, twin_id: str, reasons: int | None, suspects: Sequence[str] = ()

@@ -1,6 +1,7 @@
 """Costs of an owner, the failure limit, and the repairs and inspections that can be ordered."""
 
-from typing import Annotated, Any, Literal, Self
+import itertools
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import Field, model_validator
 
@@ -11,6 +12,7 @@ from twin_server.orders import Frozen
 from .thresholds import Number, Positive, Quantity
 
 NotNegative = Annotated[float, Field(ge=0, lt=1e15, allow_inf_nan=False)]
+Finite = Annotated[float, Field(gt=-1e15, lt=1e15, allow_inf_nan=False)]
 TimeUnit = Literal["slow_time", "s", "h", "d", "month", "year"]
 
 _YEAR_S = 86400.0 * 365.25
@@ -183,6 +185,41 @@ class MoreReadings(Frozen):
     cost: NotNegative = 0.0
 
 
+Month = Annotated[int, Field(ge=1, le=12)]
+
+
+class RepairAccess(Frozen):
+    """When a repair can be done: months of the calendar, or windows of slow time."""
+
+    months: Annotated[
+        tuple[Month, ...],
+        Field(
+            max_length=12,
+            description="Months (1 to 12, of the sensor clock in UTC) in which a repair can "
+            "take effect, such as [5, 6, 7, 8, 9]; none given: every month.",
+        ),
+    ] = ()
+    windows: Annotated[
+        tuple[tuple[Finite, Finite], ...],
+        Field(
+            max_length=1000,
+            description="Instead of months: beginning and end of each window, in slow time.",
+        ),
+    ] = ()
+
+    @model_validator(mode="after")
+    def _is_one_or_the_other(self) -> Self:
+        if self.months and self.windows:
+            raise ValueError("access has months and windows. Give one of them.")
+        ends = [end for window in self.windows for end in window]
+        if any(later < sooner for sooner, later in itertools.pairwise(ends)):
+            raise ValueError(
+                f"Windows {[list(window) for window in self.windows]} of access are out of "
+                "order. Give each as [beginning, end], one after the other."
+            )
+        return self
+
+
 class Deciding(Frozen):
     """Decisions about a twin: its failure limit, repairs and inspections."""
 
@@ -194,6 +231,25 @@ class Deciding(Frozen):
         float,
         Field(gt=0, le=1, description="Share of the damage that a repair takes away."),
     ] = 1.0
+    lead_time: Annotated[
+        NotNegative,
+        Field(
+            description="From the order of a repair to its effect (delivery, access, work), in "
+            "`costs.time_unit`."
+        ),
+    ] = 0.0
+    access: Annotated[RepairAccess, Field(description="When a repair can take effect.")] = (
+        RepairAccess()
+    )
+    accepted: Annotated[
+        float | None,
+        Field(
+            gt=0,
+            lt=1,
+            description="Accepted probability of a failure before a repair takes effect, by "
+            "which the last safe day is judged; null: by the expected cost.",
+        ),
+    ] = None
     window: Annotated[
         Positive | None,
         Field(
@@ -203,6 +259,57 @@ class Deciding(Frozen):
     ] = None
     inspection: Inspecting | None = None
     sensors: Annotated[tuple[MoreReadings, ...], Field(max_length=8)] = ()
+
+
+def months_of(text: str) -> tuple[int, ...]:
+    """Read months, each or as a range that may pass the end of a year.
+
+    Raises
+    ------
+    ValueError
+        Where they are not numbers from 1 to 12.
+
+    Examples
+    --------
+    >>> months_of("5-9"), months_of("11-2,6")
+    ((5, 6, 7, 8, 9), (1, 2, 6, 11, 12))
+    """
+    found: set[int] = set()
+    for part in text.split(","):
+        ends = [end.strip() for end in part.split("-")]
+        if len(ends) > 2 or not all(end in _MONTHS for end in ends):
+            raise ValueError(
+                f"Months {text!r:.40} were given. Give numbers from 1 to 12 and ranges, such "
+                "as 5-9 or 4,5,9-11."
+            )
+        first, last = int(ends[0]), int(ends[-1])
+        found |= {(first - 1 + k) % 12 + 1 for k in range((last - first) % 12 + 1)}
+    return tuple(sorted(found))
+
+
+_MONTHS = {str(month) for month in range(1, 13)}
+
+
+class RepairTerms(NamedTuple):
+    """Terms of a repair to plan with instead of those registered; None keeps one as it is."""
+
+    lead_time: float | None = None
+    months: str | None = None
+    accepted: float | None = None
+
+    def changed(self, decision: Deciding) -> Deciding:
+        """Put them into what was registered.
+
+        Raises
+        ------
+        ValueError
+            Where one is not allowed.
+        """
+        given: dict[str, Any] = {"lead_time": self.lead_time, "accepted": self.accepted}
+        kept = {name: value for name, value in given.items() if value is not None}
+        if self.months is not None:
+            kept["access"] = {"months": months_of(self.months)}
+        return Deciding.model_validate(decision.model_dump() | kept)
 
 
 COSTS_EXAMPLE: dict[str, Any] = {

@@ -13,6 +13,7 @@ from twin_server.history.details import Bodies
 from twin_server.history.states import States
 from twin_server.identity.principals import Principal
 from twin_server.orders import SimulationOrder
+from twin_server.registration.costs import RepairTerms
 from twin_server.registration.thresholds import Limit
 from twin_server.registration.twin import Registration
 
@@ -203,9 +204,16 @@ class Knowledge(Protocol):
         """
 
     def plan(
-        self, twin_id: str, *, stale: bool = False, since: float | None = None
+        self,
+        twin_id: str,
+        *,
+        stale: bool = False,
+        since: float | None = None,
+        terms: RepairTerms | None = None,
     ) -> dict[str, Any]:
         """Return the maintenance plan of a twin; with `stale`, one of some readings ago.
+
+        `terms` are terms of a repair other than those registered.
 
         Parameters
         ----------

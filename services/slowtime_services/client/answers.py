@@ -311,6 +311,18 @@ class PlanInformation(Answer):
     words: str
 
 
+class LastOrder(Answer):
+    """The last order of a repair that is in time."""
+
+    status: str
+    order: PlanTime | None
+    effect: PlanTime | None
+    probability: float
+    by: str
+    limit: float | None
+    sentence: str
+
+
 class MaintenancePlan(Answer):
     """Recommended action for a twin's structure, with date and reasons."""
 
@@ -320,6 +332,7 @@ class MaintenancePlan(Answer):
     action: str | None
     decided: bool
     sentence: str
+    last_order: LastOrder | None = None
     changes: tuple[str, ...]
     options: tuple[PlanOption, ...]
     times: tuple[PlanTime, ...]

@@ -240,9 +240,21 @@ class Client:
         """Return what came of the past outlooks of a twin: coverage, reliability, scores."""
         return TrackRecord.model_validate(self.json("GET", f"/twins/{twin_id}/forecast/record"))
 
-    def plan(self, twin_id: str) -> MaintenancePlan:
-        """Return the recommended action for a twin's structure, with date and reasons."""
-        return MaintenancePlan.model_validate(self.json("GET", f"/twins/{twin_id}/plan"))
+    def plan(
+        self,
+        twin_id: str,
+        *,
+        lead_time: float | None = None,
+        months: str | None = None,
+        accepted: float | None = None,
+    ) -> MaintenancePlan:
+        """Return the recommended action for a twin's structure, with date and reasons.
+
+        Lead time (in the unit of its costs), months such as "5-9" and accepted probability
+        take the place of those registered.
+        """
+        query = {"lead_time": lead_time, "months": months, "accepted": accepted}
+        return MaintenancePlan.model_validate(self.json("GET", f"/twins/{twin_id}/plan", query))
 
     def risk(self, twin_id: str, *, horizon: float | None = None) -> Risk:
         """Return the probability of failure by each limit state of a twin."""

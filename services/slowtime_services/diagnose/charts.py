@@ -16,6 +16,8 @@ from .labels import named, placed, rounded
 MEASURED, NOMINAL, REFITTED, AUGMENTED = "#5b6770", "#b3541e", "#c99a2e", "#0b6fb8"
 WINDOW_SAMPLES = 1200
 """Samples of a record that are shown where each is to be seen [1]."""
+PICTURE_SAMPLES = 240
+"""Samples of the one picture of the first page [1]: some periods, each to be seen in print."""
 ENVELOPE_BINS = 600
 """Bins of a whole record, each drawn from its lowest to its highest sample [1]."""
 FORCE_POINTS = 1500
@@ -63,14 +65,14 @@ def gap_chart(document: DiagnosisFile) -> Chart:
     )
 
 
-def run_charts(diagnosis: Diagnosis) -> list[Chart]:
+def run_charts(diagnosis: Diagnosis, samples: int = WINDOW_SAMPLES) -> list[Chart]:
     """Measured against both models, around the largest motion of the first record."""
     if not diagnosis.traces or diagnosis.traces[0].of_force:
         return []
     traces = diagnosis.traces[0]
     charts = []
     for i, sensor in enumerate(diagnosis.nominal.sensors[:MAX_SENSORS]):
-        part = _loudest(traces.measured[:, i])
+        part = _loudest(traces.measured[:, i], samples)
         lines = [
             _line(traces.times_s[part], traces.measured[part, i], "measured", MEASURED, 2.5),
             _line(traces.times_s[part], traces.nominal[part, i], "original model", NOMINAL),
@@ -179,13 +181,11 @@ def _envelope(times: Series, values: Series) -> tuple[Series, Series]:
     return times[rows], values[rows]
 
 
-def _loudest(values: Series) -> slice:
+def _loudest(values: Series, samples: int) -> slice:
     """Rows about the largest sample."""
     size = np.nan_to_num(np.abs(values - np.nanmean(values)), nan=0.0)
-    first = int(
-        np.clip(np.argmax(size) - WINDOW_SAMPLES // 3, 0, max(len(values) - WINDOW_SAMPLES, 0))
-    )
-    return slice(first, first + WINDOW_SAMPLES)
+    first = int(np.clip(np.argmax(size) - samples // 3, 0, max(len(values) - samples, 0)))
+    return slice(first, first + samples)
 
 
 def _sensor_label(sensor: Sensor) -> str:

@@ -11,9 +11,10 @@ from jaxtyping import Float
 
 from slowtime.history_diagnosis import HistoryEffect, HistoryReport, diagnose_history
 from slowtime_schemas.files.slow_diagnosis import SlowDiagnosisFile
-from slowtime_services.reports import Chart, Section, Table, write_page
+from slowtime_services.reports import Chart, Section, Table, Words, write_page
 
 from .charts import AUGMENTED, MEASURED, NOMINAL
+from .first_pages import history_page
 from .history_table import History
 from .labels import VERDICTS, named
 
@@ -114,7 +115,12 @@ def history_document(
 
 
 def write_history_results(
-    folder: Path, report: HistoryReport, document: dict[str, Any]
+    folder: Path,
+    report: HistoryReport,
+    document: dict[str, Any],
+    *,
+    page: Path | None = None,
+    language: str = "en",
 ) -> None:
     """Write ``report.json`` and ``report.html``, replacing earlier ones.
 
@@ -124,13 +130,20 @@ def write_history_results(
         Made if it does not exist.
     report, document
         Of `diagnose_with_document`.
+    page
+        Another file for the report, besides; .pdf or .html.
     """
     folder.mkdir(parents=True, exist_ok=True)
     text = json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False)
     (folder / "report.json").write_text(text + "\n", encoding="utf-8")
     title = f"{VERDICTS[document['verdict']]}: {document['of']} in slow time"
-    sections = list(_sections(report, document))
-    write_page(folder / "report.html", title, document["sentence"], sections)
+    first = history_page(document["of"], document, Words(language))
+    for path in (folder / "report.html", page):
+        if path is not None:
+            write_page(
+                path, title, document["sentence"], list(_sections(report, document)),
+                first=first, picture=_history(report, document), language=language,
+            )  # fmt: skip
 
 
 def _effect(effect: HistoryEffect) -> dict[str, Any]:
@@ -153,7 +166,7 @@ def _effect(effect: HistoryEffect) -> dict[str, Any]:
 
 
 def _sections(report: HistoryReport, document: dict[str, Any]) -> Iterator[Section]:
-    yield Section("The gap", (), [_gap(report)])
+    yield Section("The gap", [document["sentence"]], [_gap(report)])
     if report.effects:
         rows = [
             (

@@ -6,21 +6,30 @@ from pathlib import Path
 from slowtime.discrepancy.diagnosis import Diagnosis
 from slowtime.dynamics.description import Beam, Description, Matrix
 from slowtime_schemas.files.diagnosis import DiagnosisFile, FoundEffect, Rival
-from slowtime_services.reports import Section, Table, write_page
+from slowtime_services.reports import Section, Table, Words, write_page
 
-from .charts import gap_chart, residual_charts, run_charts, surface_chart
+from .charts import PICTURE_SAMPLES, gap_chart, residual_charts, run_charts, surface_chart
+from .first_pages import diagnosis_page
 from .force_charts import force_charts
 from .labels import VERDICTS, labelled, named, number, placed, rare
 
 
-def write_report(path: Path, diagnosis: Diagnosis, document: DiagnosisFile) -> None:
-    """Write ``report.html``; it needs nothing but a browser."""
+def write_report(
+    path: Path, diagnosis: Diagnosis, document: DiagnosisFile, *, language: str = "en"
+) -> None:
+    """Write the report, such as ``report.html``; it needs nothing but a browser."""
+    words = Words(language)
+    first = diagnosis_page(diagnosis, document, words)
     title = f"{VERDICTS[document.verdict]}: {document.model or 'diagnosis'}"
-    write_page(path, title, document.sentence, list(_sections(diagnosis, document)))
+    picture = next(iter(run_charts(diagnosis, PICTURE_SAMPLES)), None)
+    write_page(
+        path, title, document.sentence, list(_sections(diagnosis, document)),
+        first=first, picture=picture or gap_chart(document), language=language,
+    )  # fmt: skip
 
 
 def _sections(diagnosis: Diagnosis, document: DiagnosisFile) -> Iterator[Section]:
-    yield Section("The gap", (), [gap_chart(document)])
+    yield Section("The gap", [document.sentence], [gap_chart(document)])
     yield from _effects(document)
     yield from _undecided(document)
     if diagnosis.surface is not None:
@@ -107,27 +116,30 @@ def _where(document: DiagnosisFile) -> Section:
     ]  # fmt: skip
     headings = (
         "place",
-        "score",
+        "gain of log likelihood [nat]",
         "p-value if nothing is missing",
         "share of the residual explained",
     )
     told = (
-        "How much likelier one unknown force at a place makes what the refitted model leaves."
+        "By how much one unknown force at a place raises the log likelihood of what the "
+        "refitted model leaves."
     )
     when = document.when
     words = []
     if when.bands_hz:
         bands = ", ".join(f"{low:.4g} to {high:.4g} Hz" for low, high in when.bands_hz)
-        words.append(f"It stands out between {bands}.")
+        words.append(f"What the model leaves unexplained stands out between {bands}.")
     if when.times_s:
         spans = ", ".join(f"{first:.4g} to {last:.4g} s" for first, last in when.times_s[:12])
-        words.append(f"It stands out at campaign times {spans}.")
+        words.append(f"What the model leaves unexplained stands out at campaign times {spans}.")
     if when.amplitude:
         words.append(when.amplitude)
     if when.linear is not None:
-        words.append("It is linear." if when.linear else "It is not linear.")
+        kind = "grows in proportion to" if when.linear else "is not proportional to"
+        words.append(f"What the model leaves unexplained {kind} the motion.")
     if when.steady is not None:
-        words.append("It is steady." if when.steady else "It changes over the campaign.")
+        kind = "acts alike throughout" if when.steady else "changes over"
+        words.append(f"What the model leaves unexplained {kind} the campaign.")
     return Section("Where and when", words, [Table(headings, rows, told)])
 
 

@@ -16,7 +16,9 @@ REPORT, AUGMENTED, HOLDOUT = "report.json", "augmented.yaml", "holdout.npz"
 PAGE, SURFACE, MEASURED_FORCE = "report.html", "surface.npz", "measured_force.npz"
 
 
-def write_results(out: Path, diagnosis: Diagnosis, document: DiagnosisFile) -> None:
+def write_results(
+    out: Path, diagnosis: Diagnosis, document: DiagnosisFile, *, language: str = "en"
+) -> None:
     """Write ``report.html``, ``report.json``, ``augmented.yaml``, and arrays to draw from.
 
     ``holdout.npz`` is written only where a record was held out and compared in time (which
@@ -30,7 +32,7 @@ def write_results(out: Path, diagnosis: Diagnosis, document: DiagnosisFile) -> N
     (out / AUGMENTED).write_text(
         f"# {document.verdict}\n{words}\n{model_text(diagnosis.augmented)}", encoding="utf-8"
     )
-    write_report(out / PAGE, diagnosis, document)
+    write_report(out / PAGE, diagnosis, document, language=language)
     if diagnosis.gap.on == "holdout" and diagnosis.traces:
         write_runs(out / HOLDOUT, diagnosis)
     else:

@@ -1,5 +1,33 @@
-"""Results in, one HTML file without external references out."""
+"""Results in, one HTML file without external references, or a PDF, out."""
 
-from .page import VIEWER, Chart, Scene, Section, Table, charts_in, write_page
+from .first_page import (
+    Alternative,
+    Confidence,
+    FirstPage,
+    Improvement,
+    Sketch,
+    level_of,
+)
+from .page import VIEWER, Chart, Scene, Section, Table, charts_in, page_text, write_page
+from .pdf import PrintingError
+from .words import LANGUAGES, Words
 
-__all__ = ["VIEWER", "Chart", "Scene", "Section", "Table", "charts_in", "write_page"]
+__all__ = [
+    "LANGUAGES",
+    "VIEWER",
+    "Alternative",
+    "Chart",
+    "Confidence",
+    "FirstPage",
+    "Improvement",
+    "PrintingError",
+    "Scene",
+    "Section",
+    "Sketch",
+    "Table",
+    "Words",
+    "charts_in",
+    "level_of",
+    "page_text",
+    "write_page",
+]

@@ -11,38 +11,29 @@ import gzip
 import html
 import json
 import re
+import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import plotly
 
+from .first_page import FirstPage, first_page
+from .pdf import print_page
+from .words import Words
+
 VIEWER = Path(__file__).parent / "wireframe.js"
 """The viewer of mode shapes in space, an ECMAScript module that the twin's page runs too."""
 
 PLOTLY = Path(plotly.__file__).parent / "package_data" / "plotly.min.js"
 
-_SECTION = re.compile(r"<section>\n<h2>(.*?)</h2>\n(.*?)\n</section>", re.DOTALL)
+_SECTION = re.compile(r"<section>\n<h2[^>]*>(.*?)</h2>\n(.*?)\n</section>", re.DOTALL)
 _CHART = re.compile(
     r'<div class="chart" role="img" aria-label="([^"]*)">'
     r'<script type="application/json">([^<]*)</script></div>'
 )
 
-STYLE = """
-:root { color-scheme: light dark;
-        --ink: #1d2327; --paper: #ffffff; --soft: #5b6770; --line: #d6dce0; }
-@media (prefers-color-scheme: dark) {
-  :root { --ink: #e8ecef; --paper: #14181b; --soft: #a3b0b8; --line: #353d43; }
-}
-body { font: 16px/1.5 system-ui, sans-serif; color: var(--ink); background: var(--paper);
-       max-width: 62rem; margin: 2rem auto; padding: 0 1rem; }
-h1 { font-size: 1.5rem; } h2 { font-size: 1.15rem; margin-top: 2.2rem; }
-p.soft, caption { color: var(--soft); text-align: left; }
-table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
-th, td { text-align: left; padding: 0.3rem 0.7rem 0.3rem 0;
-         border-bottom: 1px solid var(--line); }
-.wide { overflow-x: auto; } .chart { height: 26rem; }
-"""
+STYLE = (Path(__file__).parent / "page.css").read_text(encoding="utf-8")
 
 DRAW = """
 async function unpacked(place) {
@@ -59,7 +50,8 @@ for (const place of document.querySelectorAll('.chart')) {
   const axes = Object.fromEntries(Object.entries(layout).filter(([k]) => /^[xy]axis/.test(k))
     .map(([k, v]) => [k, { gridcolor: line, zerolinecolor: line, ...v }]));
   Plotly.newPlot(place, data, { margin: { t: 24, r: 16 }, paper_bgcolor: 'rgba(0,0,0,0)',
-    plot_bgcolor: 'rgba(0,0,0,0)', font: { color: ink }, legend: { orientation: 'h', y: 1.12 },
+    plot_bgcolor: 'rgba(0,0,0,0)', modebar: { bgcolor: 'rgba(0,0,0,0)' },
+    font: { color: ink }, legend: { orientation: 'h', y: 1.12 },
     ...layout, ...axes }, { responsive: true, displaylogo: false });
 }
 }
@@ -107,18 +99,63 @@ class Section:
     shown: Sequence[Table | Chart | Scene] = ()
 
 
-def write_page(path: Path, title: str, lead: str, sections: Sequence[Section]) -> None:
-    """Write the page; names out of records are shown, never run."""
-    shown = [one for section in sections for one in section.shown]
+def write_page(
+    path: Path,
+    title: str,
+    lead: str,
+    sections: Sequence[Section],
+    *,
+    first: FirstPage | None = None,
+    picture: Chart | None = None,
+    language: str = "en",
+) -> None:
+    """Write the page as HTML, or as PDF where the path ends so.
+
+    Names out of records are shown, never run.
+
+    Parameters
+    ----------
+    title, lead
+        Heading and sentence of a page without a first page; the title of the file.
+    first, picture
+        First page, and its one picture, which is not repeated below.
+    language
+        Of the first page and of the headings; details stay English.
+
+    Raises
+    ------
+    PrintingError
+        Where a PDF cannot be made.
+    """
+    text = page_text(title, lead, sections, first=first, picture=picture, language=language)
+    if path.suffix.lower() != ".pdf":
+        path.write_text(text, encoding="utf-8")
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        page = Path(folder) / "page.html"
+        page.write_text(text, encoding="utf-8")
+        print_page(page, path)
+
+
+def page_text(
+    title: str,
+    lead: str,
+    sections: Sequence[Section],
+    *,
+    first: FirstPage | None = None,
+    picture: Chart | None = None,
+    language: str = "en",
+) -> str:
+    """Give the HTML of a page, as `write_page` writes it."""
+    words = Words(language)
+    shown = [picture, *(one for section in sections for one in section.shown)]
     draws = any(isinstance(one, Chart) for one in shown)
     moves = any(isinstance(one, Scene) for one in shown)
-    body = "\n".join(
-        [
-            f"<h1>{html.escape(title)}</h1>",
-            f"<p>{html.escape(lead)}</p>",
-            *(_section(section) for section in sections),
-        ]
-    )
+    if first is None:
+        head = [f"<h1>{html.escape(title)}</h1>", f"<p>{html.escape(lead)}</p>"]
+    else:
+        head = [first_page(first, words, "" if picture is None else _chart(picture))]
+    body = "\n".join([*head, *(_section(section, words) for section in sections)])
     scripts = (
         f'<script id="library" type="application/gzip">{_library()}</script>\n'
         f"<script>{DRAW}</script>"
@@ -127,12 +164,11 @@ def write_page(path: Path, title: str, lead: str, sections: Sequence[Section]) -
     if moves:
         viewer = VIEWER.read_text(encoding="utf-8")
         scripts += f'\n<script type="module">\n{viewer}\ndrawAll();\n</script>'
-    path.write_text(
-        '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+    return (
+        f'<!doctype html>\n<html lang="{language}">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>{html.escape(title)}</title>\n<style>{STYLE}</style>\n</head>\n"
-        f"<body>\n{body}\n{scripts}\n</body>\n</html>\n",
-        encoding="utf-8",
+        f"<body>\n{body}\n{scripts}\n</body>\n</html>\n"
     )
 
 
@@ -155,16 +191,26 @@ def charts_in(page: str) -> Iterator[tuple[str, Chart]]:
             )
 
 
-def _section(section: Section) -> str:
-    words = [f"<p>{html.escape(sentence)}</p>" for sentence in section.words]
-    shown = [_item(one) for one in section.shown]
-    inside = "\n".join(words + shown)
-    return f"<section>\n<h2>{html.escape(section.heading)}</h2>\n{inside}\n</section>"
+def _section(section: Section, words: Words) -> str:
+    told = [f"<p{_of(words)}>{html.escape(sentence)}</p>" for sentence in section.words]
+    shown = [_item(one, words) for one in section.shown]
+    inside = "\n".join(told + shown)
+    heading = words.heading(section.heading)
+    of = _of(words) if heading is None else ""
+    return (
+        f"<section>\n<h2{of}>{html.escape(heading or section.heading)}</h2>\n{inside}\n"
+        "</section>"
+    )
 
 
-def _item(shown: Table | Chart | Scene) -> str:
+def _of(words: Words) -> str:
+    """Mark English text on a page of another language."""
+    return "" if words.language == "en" else ' lang="en"'
+
+
+def _item(shown: Table | Chart | Scene, words: Words) -> str:
     if isinstance(shown, Table):
-        return _table(shown)
+        return _table(shown, words)
     return _chart(shown) if isinstance(shown, Chart) else _scene(shown)
 
 
@@ -176,8 +222,11 @@ def _scene(scene: Scene) -> str:
     )
 
 
-def _table(table: Table) -> str:
-    head = "".join(f'<th scope="col">{html.escape(cell)}</th>' for cell in table.headings)
+def _table(table: Table, words: Words) -> str:
+    head = "".join(
+        f'<th scope="col">{html.escape(words.heading(cell) or cell)}</th>'
+        for cell in table.headings
+    )
     rows = "\n".join(
         "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>"
         for row in table.rows

@@ -57,10 +57,10 @@ def base_motion(
     """Name a motion of the base that nobody measured, where it beats all else.
 
     It must be likelier than an unknown force anywhere else, leave no more than any, and be
-    likelier than any law; where it enters tells it from a force. Where sensors are too few for that, or it does not explain all that
-    is missing, no law may explain much: a force within the structure is made by the motion, one
-    from outside is not. Nor can it in the first case be told once something else was found
-    `first`.
+    likelier than any law; where it enters tells it from a force. Where sensors are too few for
+    that, or it does not explain all that is missing, no law may explain much: a force within
+    the structure is made by the motion, one from outside is not. Nor can it in the first case
+    be told once something else was found `first`.
     """
     group = located.groups[0]
     unmeasured = [k for k in kinds.values() if isinstance(k.action, Unmeasured)]

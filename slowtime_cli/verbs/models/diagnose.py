@@ -7,6 +7,7 @@ import click
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING, Effects, clock_flags, unit_flags
 from slowtime_cli.shared.options import POSITIVE
+from slowtime_cli.shared.report_flags import report_flags
 
 PATIENCE_S, MASSES, MORE = 70.0, 3, 2.0
 """Of `slowtime_services.diagnose.run`, repeated as importing it takes seconds; a test holds
@@ -96,6 +97,7 @@ Examples:
     show_default=True,
     help="Folder for report.html, report.json and augmented.yaml.",
 )
+@report_flags
 @click.option("--quick", is_flag=True, help="Search for one effect, among fewer candidates.")
 @click.option(
     "--effects",

@@ -7,6 +7,7 @@ import click
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING
 from slowtime_cli.shared.options import Number
+from slowtime_cli.shared.report_flags import report_flags
 
 METHODS = (
     "mean-value", "form", "sorm-breitung", "sorm-tvedt", "system", "monte-carlo", "stratified",
@@ -74,6 +75,7 @@ your own.
     help="Seed of the random samples.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
+@report_flags
 def reliability(problem: Path, limit_state: Path | None, **_given: object) -> None:
     """Compute a probability of failure by several methods.
 

@@ -7,6 +7,7 @@ import click
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING, record_flags
 from slowtime_cli.shared.options import POSITIVE, Names, Number, OutFile
+from slowtime_cli.shared.report_flags import language_flag
 
 ALL_CHANNELS = ("modes", "bayes", "efdd", "fdd")
 """Methods that find the modes of all channels together, with shapes."""
@@ -165,12 +166,13 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
     help="File of your choice of modes: edits of the automatic choice (keep, drop, merge, "
     "split). --report writes one beside its page, NAME.selection.yaml, to be edited.",
 )
+@language_flag
 @click.option(
     "--report",
-    type=OutFile(".html"),
-    help="HTML page to write: table, spectra, stabilisation diagram over the spectrum, shapes "
-    "and their MAC; in space with --geometry or a --model in space. Beside it, a file for "
-    "--select.",
+    type=OutFile(".html", ".pdf"),
+    help="Report to write, .html or .pdf: answer and confidence on its first page; table, "
+    "spectra, stabilisation diagram over the spectrum, shapes and their MAC; in space with "
+    "--geometry or a --model in space. Beside it, a file for --select.",
 )
 @click.option(
     "--out",

@@ -5,6 +5,7 @@ import click
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING, as_built, refuse_damping_alone
 from slowtime_cli.shared.options import Name, OutFile
+from slowtime_cli.shared.report_flags import report_flags
 
 
 @click.command(
@@ -31,6 +32,7 @@ frequency_hz, frequency_sd and, where the damping is known, damping_ratio and da
     type=OutFile(stdout=True),
     help="JSON file to write, {points: [state, ...]}; - for stdout instead of the table.",
 )
+@report_flags
 def evolve(nominal_hz: float | None, nominal_damping: float | None, **_given: object) -> None:
     """Estimate changes of stiffness and mass from frequencies.
 

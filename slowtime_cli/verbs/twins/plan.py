@@ -6,6 +6,7 @@ import click
 
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.options import POSITIVE, Number, OutFile
+from slowtime_cli.shared.report_flags import report_flags
 from slowtime_cli.verbs.twins.twin_flags import refuse_incomplete_query, twin_flags
 
 
@@ -17,6 +18,8 @@ from slowtime_cli.verbs.twins.twin_flags import refuse_incomplete_query, twin_fl
 Examples:
   slowtime plan modes.json --registration twins.toml
   slowtime plan --server http://127.0.0.1:8000 --asset demo.tower
+  slowtime plan modes.json --registration twins.toml --lead-time 40 --accepted 0.02
+  slowtime plan --server http://127.0.0.1:8000 --asset demo.tower --months 5-9
   slowtime plan --server http://127.0.0.1:8000 --fleet --teams 1 --window-d 30
 
 Costs, failure and inspections stand in the registration (`costs` and `decision`):
@@ -24,6 +27,24 @@ docs/maintenance_plan.md.
 """,
 )
 @twin_flags
+@click.option(
+    "--lead-time",
+    type=Number(min=0),
+    help="From the order of a repair to its effect, in the unit of the costs; instead of the "
+    "one registered.",
+)
+@click.option(
+    "--months",
+    metavar="LIST",
+    help="Months in which a repair can take effect, such as 5-9 or 4,5,9-11; instead of those "
+    "registered.",
+)
+@click.option(
+    "--accepted",
+    type=Number(min=0, max=1),
+    help="Accepted probability of a failure before a repair takes effect, by which the last "
+    "safe day is judged; instead of the one registered.",
+)
 @click.option("--fleet", is_flag=True, help="Rank all twins of the server for inspection.")
 @click.option(
     "--teams",
@@ -54,16 +75,27 @@ docs/maintenance_plan.md.
     type=OutFile(stdout=True),
     help="JSON file to write, as REST answers; - for stdout instead of the table.",
 )
+@report_flags
 def plan(fleet: bool, server: str | None, source: object, **given: Any) -> None:
     """Recommend an action for a twin: repair, inspect, wait or close.
 
-    Compares the options by their expected costs, and states the value of an inspection or of
-    more readings and the costs at which the recommendation would change.
+    Compares the options by their expected costs, and states the last safe day to order a
+    repair, the value of an inspection or of more readings, and the costs at which the
+    recommendation would change.
     """
     if fleet:
         if server is None or source is not None:
             raise click.UsageError("--fleet needs --server URL, and no SOURCE.")
+        if {given.pop(name) for name in ("lead_time", "months", "accepted", "report")} != {
+            None
+        }:
+            raise click.UsageError(
+                "--lead-time, --months, --accepted and --report go with one twin. Leave "
+                "--fleet out, or register them."
+            )
         return
+    if given["accepted"] in (0.0, 1.0):
+        raise click.UsageError("--accepted is a probability between 0 and 1, such as 0.02.")
     refuse_incomplete_query(source=source, server=server, **given)
     if source is not None and given["registration"] is None:
         raise click.UsageError(

@@ -106,10 +106,11 @@ def test_pictures_are_thinned_without_losing_an_extreme(answer):
     assert len(charts[0].data[1]["y"]) <= 2 * SAMPLES
 
 
-def test_the_page_stands_alone_and_begins_with_the_sentence(out, answer):
+def test_the_page_stands_alone_and_begins_with_the_answer(out, answer):
     page = (out / "report.html").read_text()
-    assert "<h1>The model lacks an effect: slide</h1>" in page
-    assert page.index("Cubic hardening at element j") < page.index("The gap")
+    assert "<title>The model lacks an effect: slide</title>" in page
+    assert "<h1>The model lacks: cubic hardening at element j (k3 " in page
+    assert page.index("<h1>") < page.index("The gap") < page.index("Cubic hardening at element")
     for heading in ("The force recovered", "What is left", "Where and when", "Constants"):
         assert f"<h2>{heading}</h2>" in page
     assert 'src="http' not in page

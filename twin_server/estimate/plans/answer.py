@@ -12,35 +12,36 @@ from slowtime_schemas.slow_times import LAST_CLOCK_S
 from twin_server.registration.costs import SECONDS
 
 from .plan import Planned, PlanOrder, plan_of
-from .wording import When, changes_of, option_words, sentence_of, worth_words
+from .wording import (
+    When,
+    changes_of,
+    last_order_sentence,
+    option_words,
+    sentence_of,
+    worth_words,
+)
 
 CURVE = 41
 """Times of each curve that are told."""
 
 
-def plan_answer(twin_id: str, order: PlanOrder, since_ns: int | None) -> dict[str, Any]:
+def plan_answer(twin_id: str, order: PlanOrder) -> dict[str, Any]:
     """Make the plan of a twin, and write it as REST gives it.
-
-    Parameters
-    ----------
-    since_ns
-        Sensor time of the last reading [ns].
 
     Raises
     ------
     NotPlannableError
         Where the owner's times cannot be converted.
     """
-    return answer_of_plan(twin_id, order, plan_of(order), since_ns)
+    return answer_of_plan(twin_id, order, plan_of(order))
 
 
-def answer_of_plan(
-    twin_id: str, order: PlanOrder, made: Planned, since_ns: int | None
-) -> dict[str, Any]:
+def answer_of_plan(twin_id: str, order: PlanOrder, made: Planned) -> dict[str, Any]:
     """Write a plan as REST gives it."""
-    plan, costs = made.plan, order.costs
+    plan, costs, since_ns = made.plan, order.costs, order.since_ns
     seconds = _seconds(order)
-    when = When(costs.time_unit, since_ns, seconds, order.unit)
+    ahead = not plan.futures.access.is_immediate
+    when = When(costs.time_unit, since_ns, seconds, order.unit, ahead)
     clock = _Clock(order.laws.now, made.slow_per_unit, since_ns, seconds)
     rows = np.unique(np.round(np.linspace(0, len(plan.futures.time) - 1, CURVE)).astype(int))
     failure, ranking = order.decision.failure, plan.ranking
@@ -64,6 +65,7 @@ def answer_of_plan(
         "action": plan.best.now if ranking.is_known else "undecided",
         "decided": ranking.is_known,
         "sentence": sentence_of(plan, costs.currency, when),
+        "last_order": _last_order(plan, order.decision.lead_time, when, clock),
         "changes": changes_of(plan, costs.currency, when),
         "options": [
             _option(plan, row, order, when, clock, rows) for row in range(len(plan.options))
@@ -101,6 +103,7 @@ def refusal_of(twin_id: str, reason: str) -> dict[str, Any]:
             "seconds",
             "horizon",
             "failure",
+            "last_order",
             "action",
         )
     )
@@ -159,6 +162,29 @@ def _option(
         "parameters": dict(option.parameters),
         "repair": _times(option, plan.futures.weights, clock),
         "curve": (option.curve[rows] @ prices).tolist(),
+    }
+
+
+def _last_order(plan: Plan, lead_time: float, when: When, clock: _Clock) -> dict[str, Any]:
+    last = plan.last_order
+
+    def told(time: float) -> dict[str, Any] | None:
+        return clock.at(time) if np.isfinite(time) else None
+
+    passed = last.order < 0.0
+    return {
+        "status": "passed" if passed else "due" if np.isfinite(last.order) else "beyond",
+        "order": told(last.order),
+        "lo": told(last.low),
+        "hi": told(last.high),
+        "effect": told(last.effect),
+        "probability": last.probability,
+        "by": last.by,
+        "limit": last.limit,
+        "now_effect": told(last.now_effect),
+        "now_probability": last.now_probability,
+        "lead_time": lead_time,
+        "sentence": last_order_sentence(plan, when),
     }
 
 

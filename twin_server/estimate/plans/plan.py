@@ -1,12 +1,14 @@
 """Computes a maintenance plan from the forecast of a twin and its owner's costs."""
 
 import dataclasses
+import datetime
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
 from slowtime.decisions import (
+    Access,
     Ensemble,
     EstimateError,
     Observation,
@@ -16,6 +18,7 @@ from slowtime.decisions import (
     make_plan,
 )
 from slowtime.degradation import Mixture
+from slowtime_schemas.slow_times import LAST_CLOCK_S
 from twin_server.estimate.forecast.futures import POINTS, futures_of
 from twin_server.registration.costs import SECONDS, CostTable, Deciding
 
@@ -57,6 +60,8 @@ class PlanOrder:
         Of slow time, as messages name it; None where none was given.
     widening
         Factor of the spread of the futures [1].
+    since_ns
+        Sensor time of the last reading [ns]; None where the calendar is not known.
     """
 
     costs: CostTable
@@ -69,6 +74,7 @@ class PlanOrder:
     age: float
     unit: str | None = None
     widening: float = 1.0
+    since_ns: int | None = None
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -122,8 +128,80 @@ def plan_of(order: PlanOrder) -> Planned:
         window=order.decision.window or 0.0,
         inspection=_inspection(order.decision, limit),
         observations=_observations(order, limit, unit),
+        access=access_of(order, unit),
+        accepted=order.decision.accepted,
     )
     return Planned(make_plan(futures, order.costs.costs(), terms), unit)
+
+
+def access_of(order: PlanOrder, unit: float) -> Access:
+    """Convert lead time, months and windows to times from now, in the owner's unit.
+
+    Parameters
+    ----------
+    order
+        Input of the plan.
+    unit
+        Slow times in one unit of the owner's times.
+
+    Returns
+    -------
+    Lead time, and windows up to a year after the horizon.
+
+    Raises
+    ------
+    NotPlannableError
+        Where months are asked for and the calendar is not known, or all windows have closed.
+    """
+    decision, access = order.decision, order.decision.access
+    if access.windows:
+        since = order.laws.now
+        left = [((a - since) / unit, (b - since) / unit) for a, b in access.windows]
+        windows = tuple((max(begin, 0.0), end) for begin, end in left if end >= 0.0)
+        if not windows:
+            raise NotPlannableError(
+                f"The last window of decision.access closed at slow time "
+                f"{access.windows[-1][1]:g}, before the last reading at {since:g}. Give later "
+                "windows."
+            )
+        return Access(lead=decision.lead_time, windows=windows)
+    if not access.months or len({*access.months}) == 12:
+        return Access(lead=decision.lead_time)
+    if order.pace is None or order.since_ns is None:
+        raise NotPlannableError(
+            f"decision.access.months = {list(access.months)} was given, and the history does "
+            "not yet show how slow time relates to calendar time. Wait for two readings at "
+            "different times, or give decision.access.windows in slow time."
+        )
+    seconds = order.pace * unit
+    spans = _months_open({*access.months}, order.since_ns / 1e9, decision.horizon * seconds)
+    return Access(
+        lead=decision.lead_time,
+        windows=tuple((begin / seconds, end / seconds) for begin, end in spans),
+    )
+
+
+def _months_open(
+    months: set[int], since_s: float, horizon_s: float
+) -> list[tuple[float, float]]:
+    """Give spans of the months asked for, from now up to a year after the horizon [s]."""
+    day = datetime.datetime.fromtimestamp(since_s, datetime.UTC).replace(
+        day=1, hour=0, minute=0, second=0, microsecond=0
+    )
+    spans: list[tuple[float, float]] = []
+    last = min(since_s + horizon_s + 366 * 86400.0, LAST_CLOCK_S - 32 * 86400.0)
+    while day.timestamp() <= last:
+        following = (day + datetime.timedelta(days=32)).replace(day=1)
+        if day.month in months:
+            # A month ends a second before the next, so that no date lies in the wrong one.
+            begin = max(day.timestamp() - since_s, 0.0)
+            end = following.timestamp() - 1.0 - since_s
+            if spans and begin - spans[-1][1] < 2.0:
+                spans[-1] = spans[-1][0], end
+            else:
+                spans.append((begin, end))
+        day = following
+    return spans
 
 
 def damage_futures(order: PlanOrder, unit: float) -> Ensemble:

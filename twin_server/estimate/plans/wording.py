@@ -2,6 +2,7 @@
 
 import dataclasses
 import datetime
+import math
 from collections.abc import Callable, Mapping
 
 import numpy as np
@@ -63,12 +64,15 @@ class When:
         In one unit; None where it is not known.
     slow_unit
         Unit of slow time, as messages name it; None where none was given.
+    ahead
+        Whether a repair is ordered some time before it takes effect.
     """
 
     unit: str
     since_ns: int | None
     seconds: float | None
     slow_unit: str | None = None
+    ahead: bool = False
 
     def span(self, time: float) -> str:
         """Describe a span of time.
@@ -110,23 +114,36 @@ def option_words(option: Option, when: When) -> str:
     """Name an option with its parameters."""
     given: Mapping[str, float] = option.parameters
     share = f"{100 * given.get('damage', 0.0):.3g} %"
+    repair = "order a repair" if when.ahead else "repair"
     words: dict[str, Callable[[], str]] = {
         "nothing": lambda: "run to failure",
         "age": lambda: f"repair at an age of {when.span(given['age'])} from now on",
         "fixed_interval": lambda: f"repair every {when.span(given['every'])}",
-        "estimate_threshold": lambda: f"repair once the estimate reaches {share} of failure",
+        "estimate_threshold": lambda: f"{repair} once the estimate reaches {share} of failure",
         "probability_threshold": lambda: (
-            f"repair once the probability of a failure within {when.span(given['window'])} "
+            f"{repair} once the probability of a failure within {when.span(given['window'])} "
             f"reaches {probability_in_words(given['probability'])}"
         ),
         "periodic_inspection": lambda: (
-            f"inspect every {when.span(given['every'])} and repair from {share} of failure on"
+            f"inspect every {when.span(given['every'])} and {repair} from {share} of failure on"
         ),
-        "repair_now": lambda: "repair now",
-        "repair_at": lambda: f"repair in {when.moment(given['at'])}",
+        "repair_now": lambda: (
+            f"order the repair now, done in {when.moment(given['at'])}"
+            if when.ahead
+            else "repair now"
+        ),
+        "repair_at": lambda: (
+            f"order the repair in {when.moment(given['order'])}, done in "
+            f"{when.moment(given['at'])}"
+            if when.ahead
+            else f"repair in {when.moment(given['at'])}"
+        ),
         "inspect_now": lambda: "inspect now and decide by what is found",
         "inspect_at": lambda: (
             f"inspect in {when.moment(given['at'])} and decide by what is found"
+        ),
+        "read_on": lambda: (
+            f"take readings for {when.moment(given['at'])} and decide by what they show"
         ),
         "close": lambda: "close",
     }
@@ -163,7 +180,52 @@ def _due(plan: Plan, when: When) -> str:
     at = float(times[order][min(int(np.searchsorted(total, 0.5)), len(times) - 1)])
     if not np.isfinite(at):
         return ", probably not within the horizon"
-    return f", expected in {when.moment(at)}"
+    return f", expected {'to be done ' if when.ahead else ''}in {when.moment(at)}"
+
+
+def last_order_sentence(plan: Plan, when: When) -> str:
+    """State the last safe day to order a repair, with the limit that it is judged by."""
+    last = plan.last_order
+    chance = probability_in_words(last.probability)
+    if last.limit is None:
+        limit = "An order after it costs more, by the costs that are registered."
+        none = "no planned repair costs less than to run to failure"
+    else:
+        limit = f"The accepted probability is {probability_in_words(last.limit)}."
+        none = f"the accepted probability is {probability_in_words(last.limit)}"
+    if last.order == math.inf:
+        horizon = when.moment(plan.futures.horizon)
+        return (
+            f"No repair has to take effect within {horizon}: a failure by then has the "
+            f"probability {chance}, and {none}."
+        )
+    if last.order < 0.0:
+        return f"{_passed(plan, when)} {limit}"
+    spread = ""
+    if last.high > last.low and math.isfinite(last.high):
+        early, late = (when.span(max(end, 0.0)) for end in (last.low, last.high))
+        spread = f" (5 to 95 %: {early} to {late})" if early != late else ""
+    done = f", to be done in {when.moment(last.effect)}" if when.ahead else ""
+    return (
+        f"Last safe day to {'order a repair' if when.ahead else 'repair'}: in "
+        f"{when.moment(last.order)}{spread}{done}. A failure before the repair takes effect "
+        f"then has the probability {chance}. {limit}"
+    )
+
+
+def _passed(plan: Plan, when: When) -> str:
+    last = plan.last_order
+    if math.isfinite(last.order):
+        said = f"The last safe day to order a repair was {when.span(-last.order)} ago."
+    else:
+        said = "No time at which a repair can be done comes soon enough."
+    if not math.isfinite(last.now_effect):
+        return f"{said} Ordered now, it is not done in any window that is given."
+    chance = probability_in_words(last.now_probability)
+    return (
+        f"{said} Ordered now, it is done in {when.moment(last.now_effect)}; a failure before "
+        f"that has the probability {chance}."
+    )
 
 
 def _undecided(plan: Plan, currency: str, when: When) -> str:

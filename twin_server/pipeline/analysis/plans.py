@@ -1,6 +1,7 @@
 """Computes maintenance plans of twins on request, and keeps them until their next reading."""
 
 import collections
+import dataclasses
 import threading
 from typing import Any, NamedTuple
 
@@ -20,6 +21,7 @@ from twin_server.estimate import (
 from twin_server.persist import History, Store
 from twin_server.pipeline.ingestion.pipeline import Pipeline
 from twin_server.pipeline.workers.processes import Workers
+from twin_server.registration.costs import RepairTerms
 from twin_server.registration.twin import Registration
 
 from .forecast_cache import ForecastCache
@@ -32,6 +34,9 @@ MOST_KEPT = 500
 
 STALE = 25
 """Readings that a plan may be old where a whole fleet is asked for."""
+
+AS_REGISTERED = RepairTerms()
+"""Terms of a repair as the registration has them."""
 
 NO_DECISION = (
     "There is nothing to decide: the registration has no `costs` and `decision`. Register the "
@@ -75,7 +80,12 @@ class PlanCache:
         self._lock = threading.Lock()
 
     def plan(
-        self, twin_id: str, *, stale: int = 0, since: float | None = None
+        self,
+        twin_id: str,
+        *,
+        stale: int = 0,
+        since: float | None = None,
+        terms: RepairTerms = AS_REGISTERED,
     ) -> dict[str, Any]:
         """Return the plan of a twin as REST does; of one state of its forecast the same.
 
@@ -86,6 +96,8 @@ class PlanCache:
         since
             Slow time of the reading whose forecast it has to agree with, see
             `ForecastCache.prospect`.
+        terms
+            Terms of a repair other than those registered; such a plan is not kept.
         """
         twin = self._pipeline.twin(twin_id)
         if twin is None or twin.registration.decision is None:
@@ -93,6 +105,9 @@ class PlanCache:
         found = self._store.history(twin_id, slow_time=(None, since), limit=NEWEST, newest=True)
         if not len(found.states):
             return refusal_of(twin_id, TOO_FEW)
+        if terms != AS_REGISTERED:
+            prospect = self._prospects.prospect(twin_id, since)
+            return self._made(twin_id, twin, found, prospect, terms)
         epoch = _Epoch(int(found.number[-1]), int(found.states["sequence"][-1]))
         with self._lock:
             kept = self._kept.get(twin_id)
@@ -123,14 +138,20 @@ class PlanCache:
         return kept.answer
 
     def _made(
-        self, twin_id: str, twin: Twin, found: History, prospect: ForecastState | None
+        self,
+        twin_id: str,
+        twin: Twin,
+        found: History,
+        prospect: ForecastState | None,
+        terms: RepairTerms = AS_REGISTERED,
     ) -> dict[str, Any]:
         order = self._order(twin, found, prospect)
         if order is None:
             return refusal_of(twin_id, TOO_FEW)
-        since_ns = int(found.states["t_ns"][-1])
+        if terms != AS_REGISTERED:
+            order = dataclasses.replace(order, decision=terms.changed(order.decision))
         try:
-            answer: dict[str, Any] = self._workers.run(plan_answer, twin_id, order, since_ns)
+            answer: dict[str, Any] = self._workers.run(plan_answer, twin_id, order)
         except NotPlannableError as error:
             return refusal_of(twin_id, str(error))
         return answer
@@ -161,6 +182,7 @@ class PlanCache:
             prospect.since - prospect.first,
             found.boots[int(found.number[-1])][1] or None,
             prospect.widening.get(quantity, 1.0),
+            int(found.states["t_ns"][-1]),
         )
 
 

@@ -25,6 +25,22 @@ PLAN_EXAMPLE: dict[str, Any] = {
     "(2028-12-28): expected cost 61,200 EUR in 10 years (2036-11-21); the alternative “repair "
     "now” costs 12,400 EUR more. Without a repair it fails within that time with probability "
     "62 %.",
+    "last_order": {
+        "status": "due",
+        "order": {"ahead": 2.1, "slow_time": 1579.5, "t": "2028-12-28T00:00:00+00:00"},
+        "lo": {"ahead": 2.0, "slow_time": 1543.0, "t": "2028-11-21T00:00:00+00:00"},
+        "hi": {"ahead": 2.3, "slow_time": 1652.5, "t": "2029-03-11T00:00:00+00:00"},
+        "effect": {"ahead": 2.6, "slow_time": 1762.0, "t": "2029-06-28T00:00:00+00:00"},
+        "probability": 0.018,
+        "by": "probability",
+        "limit": 0.02,
+        "now_effect": {"ahead": 0.5, "slow_time": 995.0, "t": "2027-05-22T00:00:00+00:00"},
+        "now_probability": 0.0,
+        "lead_time": 0.5,
+        "sentence": "Last safe day to order a repair: in 2.1 years (2028-12-28) (5 to 95 %: 2 "
+        "years to 2.3 years), to be done in 2.6 years (2029-06-28). A failure before the "
+        "repair takes effect then has the probability 2 %. The accepted probability is 2 %.",
+    },
     "changes": [
         "“repair now” is better if a failure costs more than 2,100,000 EUR (given: 900,000 "
         "EUR)."
@@ -107,20 +123,46 @@ class PlanOption(BaseModel):
 
     name: str = Field(
         description="nothing, age, fixed_interval, estimate_threshold, probability_threshold, "
-        "periodic_inspection, repair_now, repair_at, inspect_now, inspect_at or close."
+        "periodic_inspection, repair_now, repair_at, inspect_now, inspect_at, read_on or close."
     )
     words: str
     now: Now = Field(description="What it does at once.")
     cost: PlanCost
     failures: float = Field(description="Expected discounted number of failures.")
     parameters: dict[str, float] = Field(
-        description="Times from now in `time_unit`; damage as a share of that at failure."
+        description="Times from now in `time_unit`: `order` of a repair, and `at`, when it "
+        "takes effect; damage as a share of that at failure."
     )
     repair: list[PlanTime | None] | None = Field(
         description="By when 5, 50 and 95 % of the futures have been repaired; null beyond the "
         "horizon, or where it hangs on an inspection."
     )
     curve: list[float] = Field(description="Expected cost until each of `times`.")
+
+
+class PlanLastOrder(BaseModel):
+    """The last order of a repair that is in time."""
+
+    status: Literal["due", "passed", "beyond"] = Field(
+        description="due: to come; passed: before the last reading; beyond: none is needed "
+        "within the horizon."
+    )
+    order: PlanTime | None = Field(description="Of the order; null if beyond.")
+    lo: PlanTime | None = Field(description="5 % end by the sampling error of the futures.")
+    hi: PlanTime | None = Field(description="95 % end; null if beyond the horizon.")
+    effect: PlanTime | None = Field(description="When the repair takes effect.")
+    probability: float = Field(
+        description="Of a failure before that effect; if beyond, within the horizon."
+    )
+    by: Literal["probability", "cost"] = Field(
+        description="probability: the last order by which that of a failure is accepted; cost: "
+        "the last before the expected cost rises."
+    )
+    limit: float | None = Field(description="Accepted probability; null if by cost.")
+    now_effect: PlanTime | None = Field(description="Of a repair that is ordered now.")
+    now_probability: float = Field(description="Of a failure before `now_effect`.")
+    lead_time: float = Field(description="From order to effect, in `time_unit`.")
+    sentence: str
 
 
 class PlanDifference(BaseModel):
@@ -180,6 +222,7 @@ class PlanModel(BaseModel):
     action: Now | None
     decided: bool
     sentence: str
+    last_order: PlanLastOrder | None = None
     changes: list[str]
     options: list[PlanOption] = Field(description="The cheapest first.")
     times: list[PlanTime]

@@ -9,6 +9,7 @@ from pydantic_core import to_json
 
 from slowtime.decisions.fleet import Candidate, dispatch
 from twin_server.identity.principals import principal_of
+from twin_server.registration.costs import RepairTerms, months_of
 from twin_server.registration.twin import Registration
 from twin_server.serve.http import problems
 from twin_server.serve.http.compute_queue import ComputeQueue
@@ -40,6 +41,30 @@ Budget = Annotated[
     float | None, Query(ge=0, le=1e15, description="What the inspections may cost in all.")
 ]
 
+Lead = Annotated[
+    float | None,
+    Query(
+        ge=0,
+        le=1e12,
+        description="From the order of a repair to its effect, in `costs.time_unit`.",
+    ),
+]
+Months = Annotated[
+    str | None,
+    Query(
+        max_length=40,
+        description="Months in which a repair can take effect, such as 5-9 or 4,5,9-11.",
+    ),
+]
+Accepted = Annotated[
+    float | None,
+    Query(
+        gt=0,
+        lt=1,
+        description="Accepted probability of a failure before a repair takes effect.",
+    ),
+]
+
 
 def routes(
     knowledge: Knowledge, known: Callable[[str], Awaitable[Registration]], queue: ComputeQueue
@@ -59,18 +84,32 @@ def routes(
 
     @api.get("/twins/{twin_id}/plan", response_model=plan_models.PlanModel, responses=_PROBLEMS)
     async def plan(
-        request: Request, twin_id: TwinId, registration: Known, since: OfForecast = None
+        request: Request,
+        twin_id: TwinId,
+        registration: Known,
+        since: OfForecast = None,
+        lead_time: Lead = None,
+        months: Months = None,
+        accepted: Accepted = None,
     ) -> Response:
         """Tell what to do, by when and why: options side by side with their expected costs.
 
         Of the registration's `costs` and `decision`, and of the forecast after the last
-        reading; `docs/maintenance_plan.md` describes how.
+        reading; `docs/maintenance_plan.md` describes how. Lead time, months and accepted
+        probability take the place of those registered, in this answer only.
         """
+        terms = RepairTerms(lead_time, months, accepted)
+        try:
+            months_of(months or "1-12")
+        except ValueError as error:
+            raise problems.ProblemError(
+                422, "not-valid", f"At query.months: {error}"
+            ) from error
         body = await queue.run(
             request,
-            lambda: to_json(knowledge.plan(twin_id, since=since)),
+            lambda: to_json(knowledge.plan(twin_id, since=since, terms=terms)),
             group=("plan", twin_id),
-            share=("plan", twin_id, registration, since),
+            share=("plan", twin_id, registration, since, terms),
             light=True,
         )
         return Response(body, media_type="application/json")

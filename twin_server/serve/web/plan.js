@@ -11,11 +11,11 @@ const DASHES = ["solid", "dash", "dot", "dashdot", "longdash", "longdashdot"];
 /** An amount with three digits. */
 const amount = (x) => (+x.toPrecision(3)).toLocaleString(locale, { maximumSignificantDigits: 3 }).replace("-", "\u2212");
 
-function rowOf(option) {
+function rowOf(option, ahead) {
   const row = make("tr"), title = english(make("th", option.words)), { value, lo, hi } = option.cost;
   title.scope = "row";
   row.dataset.option = option.name;
-  row.append(title, make("td", t(`plan.act.${option.now}`)), make("td", amount(value)), make("td", range(amount(lo), amount(hi))));
+  row.append(title, make("td", ahead && option.now === "repair" ? t("plan.act.order") : t(`plan.act.${option.now}`)), make("td", amount(value)), make("td", range(amount(lo), amount(hi))));
   row.append(make("td", option.failures < 0.0005 ? "0" : digits(option.failures, 2)));
   return row;
 }
@@ -46,7 +46,7 @@ export class Plan {
     this.root = make("section", undefined, "plan");
     this.root.setAttribute("aria-label", t("plan.label"));
     this.title = make("h3", t("plan.title"));
-    [this.sentence, this.changes] = [make("p", "", "sentence"), english(make("ul", undefined, "changes"))];
+    [this.sentence, this.last, this.changes] = [make("p", "", "sentence"), english(make("p", "", "last-order")), english(make("ul", undefined, "changes"))];
     this.sentence.setAttribute("role", "status");
     this.plot = make("div", undefined, "plot");
     this.plot.setAttribute("role", "img");
@@ -54,7 +54,7 @@ export class Plan {
     this.body = make("tbody");
     this.table.append(make("caption", t("plan.options")), headOf(HEADS), this.body);
     this.worth = make("p", "", "facts worth");
-    this.root.append(this.title, this.sentence, this.changes, this.plot, this.table, this.worth);
+    this.root.append(this.title, this.sentence, this.last, this.changes, this.plot, this.table, this.worth);
     this.root.hidden = this.plot.hidden = this.table.hidden = true;
   }
 
@@ -77,11 +77,12 @@ export class Plan {
     this.root.dataset.since = plan.since;
     this.say(english(make("span", plan.sentence)));
     this.root.dataset.action = plan.action ?? "none";
+    this.last.textContent = plan.last_order?.sentence ?? "";
     this.changes.replaceChildren(...plan.changes.map((text) => make("li", text)));
     this.plot.hidden = this.table.hidden = none;
     if (none) return;
     this.root.dataset.since = plan.since;
-    this.body.replaceChildren(...plan.options.map(rowOf));
+    this.body.replaceChildren(...plan.options.map((option) => rowOf(option, plan.last_order?.lead_time > 0)));
     this.table.querySelectorAll("thead th")[2].textContent = t("plan.cost_in", { currency: plan.currency });
     const [best] = plan.information;
     this.worth.replaceChildren(...(best ? parts("plan.worth", { observation: english(make("span", best.words)) }) : [t("plan.no_observation")]));

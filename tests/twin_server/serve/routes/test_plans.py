@@ -1,8 +1,12 @@
 """The plan of a twin and of a fleet by REST, the typed client and the page."""
 
+import json
+
 import pytest
+from click.testing import CliRunner
 from playwright.sync_api import expect
 
+from slowtime_cli.__main__ import app
 from slowtime_services.client import Client
 from twin_server.serve.models.plans import FleetPlanModel, PlanModel
 
@@ -68,6 +72,39 @@ def test_a_plan_says_what_to_do_by_when_and_at_what_cost(planned):
     assert body["assets"][0]["sentence"] == told.sentence
 
 
+def test_lead_time_months_and_accepted_probability_can_be_asked_for(planned):
+    free = planned.get(f"{TWIN}/plan").json()["last_order"]
+    assert (free["by"], free["lead_time"], free["limit"]) == ("cost", 0.0, None)
+    asked = {"lead_time": 15, "accepted": 0.05}
+    told = PlanModel.model_validate(planned.get(f"{TWIN}/plan", **asked).json())
+    last = told.last_order
+    assert last is not None
+    assert (last.by, last.limit, last.lead_time) == ("probability", 0.05, 15.0)
+    assert last.probability <= 0.05
+    assert last.order is not None
+    assert last.effect is not None
+    assert last.order.slow_time + 15.0 == pytest.approx(last.effect.slow_time)
+    later = planned.get(f"{TWIN}/plan", **(asked | {"lead_time": 5})).json()["last_order"]
+    assert later["order"]["ahead"] == pytest.approx(last.order.ahead + 10.0)
+    with Client(planned.url) as client:
+        typed = client.plan("lab.beam", **asked).last_order
+        assert typed is not None
+        assert typed.sentence == last.sentence
+    refused = planned.get(f"{TWIN}/plan", months="5-13")
+    assert refused.status_code == 422
+    assert "At query.months" in refused.json()["detail"]
+    # What was asked once is not what is registered.
+    assert planned.get(f"{TWIN}/plan").json()["last_order"] == free
+
+    where = ["--server", planned.url, "--asset", "lab.beam", "--out", "-"]
+    ran = CliRunner().invoke(app, ["plan", *where, "--lead-time", "15", "--accepted", "0.05"])
+    assert ran.exit_code == 0, ran.output
+    assert json.loads(ran.stdout)["last_order"]["sentence"] == last.sentence
+    with_terms = DECISION | {"lead_time": 15.0, "accepted": 0.05}
+    assert planned.client.put(TWIN, json=BODY | {"decision": with_terms}).is_success
+    assert planned.get(f"{TWIN}/plan").json()["last_order"]["sentence"] == last.sentence
+
+
 def test_without_costs_a_plan_says_what_to_register(serving):
     server = serving()
     bare = {"nominal": BODY["nominal"]}
@@ -114,6 +151,7 @@ def test_the_page_shows_the_plan_with_its_chart_and_the_fleet_its_visits(planned
     page = visit(planned, "#lab.beam")
     plan = page.locator('[id="lab.beam"] .plan')
     expect(plan.locator(".sentence")).to_have_text(told["sentence"], timeout=60_000)
+    expect(plan.locator(".last-order")).to_have_text(told["last_order"]["sentence"])
     expect(plan).to_have_attribute("data-action", told["action"])
     expect(plan.locator(".options tbody tr")).to_have_count(len(told["options"]))
     expect(plan.locator(".options tbody tr").first.locator("th")).to_have_text(

@@ -1,0 +1,250 @@
+"""First pages of the reports of diagnoses: of a model by records, and of a history."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from slowtime.discrepancy.diagnosis import Diagnosis
+from slowtime.dynamics.description import Description
+from slowtime.dynamics.elements import BASE
+from slowtime_schemas.files.diagnosis import DiagnosisFile, FoundEffect
+from slowtime_services.reports import (
+    Alternative,
+    Confidence,
+    FirstPage,
+    Improvement,
+    Sketch,
+    Words,
+    level_of,
+)
+
+from .labels import labelled, named, number, placed
+
+MOST_RIVALS, LEAST = 4, 0.01
+"""Rivals that stand beside the answer [1], and the least probability of one [1]. Source: below
+it a rival has lost by more than a factor of a hundred."""
+
+MOST_POINTS = 40
+"""Nodes of a model that is sketched [1]: more cannot be told apart at this size."""
+
+MOST_NUMBERS = 3
+"""Parameters of an effect that the answer names [1]; the table below has all."""
+
+
+def diagnosis_page(diagnosis: Diagnosis, document: DiagnosisFile, words: Words) -> FirstPage:
+    """Give the first page of the diagnosis of a model."""
+    places = [placed(e.where.kind, e.where.id) for e in document.effects]
+    name = document.model or words("kind.diagnosis")
+    gap = document.gap
+    return FirstPage(
+        kind="diagnosis",
+        subject=name,
+        question=words("diagnosis.question", name=name),
+        answer=_answer(document, words),
+        confidence=_confidence(document, words),
+        actions=list(_actions(document, words)),
+        alternatives=list(_rivals(document, words)),
+        improvement=Improvement(
+            given=100 * gap.nominal,
+            refitted=100 * gap.refitted_nominal,
+            final=100 * gap.augmented,
+            floor=100 * gap.noise_floor,
+            unit="%",
+            meaning=words(f"diagnosis.meaning_{gap.on}"),
+        ),
+        facts=list(_facts(diagnosis, document, words)),
+        sketch=sketch_of(
+            diagnosis.nominal, [e.where.id for e in document.effects], words("ground")
+        ),
+        place=", ".join(dict.fromkeys(places)),
+    )
+
+
+def _effect(effect: FoundEffect, words: Words) -> str:
+    place = placed(effect.where.kind, effect.where.id)
+    what = words("diagnosis.at", effect=named(effect.effect), place=place)
+    numbers = [
+        f"{labelled(name, n.unit)} {number(n)}"
+        for name, n in effect.parameters.items()
+        if n.sd > 0
+    ][:MOST_NUMBERS]
+    if not numbers:
+        return what
+    return words("diagnosis.with", what=what, numbers=", ".join(numbers))
+
+
+def _answer(document: DiagnosisFile, words: Words) -> str:
+    effects = "; ".join(_effect(effect, words) for effect in document.effects)
+    constants = ", ".join(moved.name for moved in document.moved)
+    return words(
+        f"diagnosis.{document.verdict}",
+        effects=effects or words("diagnosis.unnamed"),
+        constants=constants or words("diagnosis.constants_unnamed"),
+    )
+
+
+def _confidence(document: DiagnosisFile, words: Words) -> Confidence:
+    nothing = document.nothing_probability
+    if document.verdict == "undecided":
+        best = max((rival.probability for rival in document.undecided), default=0.0)
+        told = words("diagnosis.confidence_undecided", p=words.number(best, 3))
+        return Confidence("low", told)
+    if document.verdict == "unknown_effect":
+        told = words("diagnosis.confidence_unknown", p=words.number(1.0 - nothing, 3))
+        return Confidence(level_of(1.0 - nothing), told)
+    if document.effects:
+        least = min(effect.probability for effect in document.effects)
+        told = words("diagnosis.confidence", p=words.number(least, 3))
+        return Confidence(level_of(least), told)
+    told = words("diagnosis.confidence_nothing", p=words.number(nothing, 3))
+    return Confidence(level_of(nothing), told)
+
+
+def _rivals(document: DiagnosisFile, words: Words) -> Iterator[Alternative]:
+    every = [rival for effect in document.effects for rival in effect.alternatives]
+    every += document.undecided
+    every.sort(key=lambda rival: -rival.probability)
+    for rival in [one for one in every if one.probability >= LEAST][:MOST_RIVALS]:
+        place = placed(rival.where.kind, rival.where.id)
+        name = words("diagnosis.at", effect=named(rival.effect), place=place)
+        measure = words("diagnosis.probability", p=words.number(rival.probability, 2))
+        yield Alternative(name, measure)
+
+
+def _actions(document: DiagnosisFile, words: Words) -> Iterator[str]:
+    if document.experiment:
+        yield words("diagnosis.do_experiment", what=document.experiment)
+    for finding in document.findings:
+        yield words("diagnosis.do_channel", name=finding.channel, fault=named(finding.fault))
+    for moved in document.moved:
+        yield words(
+            "diagnosis.do_constant",
+            name=moved.name,
+            value=words.number(moved.value, 5),
+            sd=words.number(moved.sd, 2),
+            unit=moved.unit,
+        )
+    if document.verdict == "missing_effect":
+        for effect in document.effects:
+            place = placed(effect.where.kind, effect.where.id)
+            yield words("diagnosis.do_inspect", place=place)
+        yield words("diagnosis.do_use")
+    elif document.verdict == "parameters_only":
+        yield words("diagnosis.do_refit")
+    elif document.verdict == "nothing_missing":
+        yield words("diagnosis.do_keep")
+    elif not document.experiment:
+        yield words("diagnosis.do_more")
+
+
+def _facts(
+    diagnosis: Diagnosis, document: DiagnosisFile, words: Words
+) -> Iterator[tuple[str, str]]:
+    if document.records:
+        yield words("facts.data"), ", ".join(document.records)
+    if document.holdout:
+        yield words("facts.holdout"), ", ".join(document.holdout)
+    channels = ", ".join(sensor.channel for sensor in diagnosis.nominal.sensors)
+    yield words("facts.channels"), channels
+    if diagnosis.traces:
+        steps = np.diff(diagnosis.traces[0].times_s)
+        rate_hz = 1.0 / float(np.median(steps))
+        yield words("facts.rate"), f"{words.number(rate_hz, 5)} Hz"
+        total = sum(float(t.times_s[-1] - t.times_s[0]) for t in diagnosis.traces)
+        yield words("facts.duration"), f"{words.number(total, 4)} s"
+
+
+def sketch_of(model: Description, marked: Sequence[str], ground: str) -> Sketch | None:
+    """Sketch a model: each node as far to the right as joints lie between it and the base.
+
+    Returns
+    -------
+    Points and lines; None of a model of very many nodes.
+    """
+    names = [node.id for node in model.nodes]
+    if len(names) > MOST_POINTS:
+        return None
+    joints = [(e.id, e.between[0], e.between[1]) for e in model.elements if len(e.between) == 2]
+    depth = {BASE: 0}
+    found = [BASE] if any(BASE in joint for joint in joints) else []
+    if not found and names:
+        depth, found = {names[0]: 0}, [names[0]]
+    for name in found:
+        for _, first, last in joints:
+            for here, there in ((first, last), (last, first)):
+                if here == name and there not in depth:
+                    depth[there] = depth[name] + 1
+                    found.append(there)
+    for name in names:
+        depth.setdefault(name, max(depth.values()) + 1)
+    row: dict[int, int] = {}
+    points = []
+    for name in dict.fromkeys([*found, *names]):
+        level = row[depth[name]] = row.get(depth[name], -1) + 1
+        points.append((ground if name == BASE else name, float(depth[name]), 0.6 * level))
+    shown = {BASE: ground}
+    lines = [(e, shown.get(a, a), shown.get(b, b)) for e, a, b in joints]
+    return Sketch(points, lines, tuple(ground if m == BASE else m for m in marked))
+
+
+def history_page(name: str, document: Mapping[str, Any], words: Words) -> FirstPage:
+    """Give the first page of the diagnosis of a history."""
+    effects, gap = document["effects"], document["gap"]
+
+    def told(effect: Mapping[str, Any]) -> str:
+        if not effect["covariate"]:
+            return named(effect["effect"])
+        return words(
+            "diagnosis.follows", effect=named(effect["effect"]), place=effect["covariate"]
+        )
+
+    least = min((effect["probability"] for effect in effects), default=None)
+    if least is None:
+        confidence = Confidence("medium", "")
+    else:
+        number_ = words.number(least, 3)
+        confidence = Confidence(level_of(least), words("diagnosis.confidence", p=number_))
+    rivals = [
+        Alternative(told(rival), words("diagnosis.probability", p=words.number(p, 2)))
+        for effect in effects
+        for rival in effect["alternatives"]
+        if (p := rival["probability"]) >= LEAST
+    ]
+    key = f"diagnosis.{document['verdict']}"
+    return FirstPage(
+        kind="diagnosis",
+        subject=name,
+        question=words("diagnosis.question_history", name=name),
+        answer=words(
+            key,
+            effects="; ".join(told(effect) for effect in effects) or words("diagnosis.unnamed"),
+            constants=words("diagnosis.constants_unnamed"),
+        ),
+        confidence=confidence,
+        actions=list(_history_actions(document, words)),
+        alternatives=rivals[:MOST_RIVALS],
+        improvement=Improvement(
+            given=100 * gap["nominal"],
+            refitted=None,
+            final=100 * gap["augmented"],
+            floor=100 * gap["noise_floor"],
+            unit="%",
+            meaning=words("diagnosis.meaning_history"),
+        ),
+        facts=[
+            (words("facts.data"), name),
+            (words("facts.epochs"), str(document["readings"])),
+            (words("facts.from"), f"{words.number(document['since'], 6)}"),
+            (words("facts.until"), f"{words.number(document['until'], 6)}"),
+        ],
+    )
+
+
+def _history_actions(document: Mapping[str, Any], words: Words) -> Iterator[str]:
+    if document["experiment"]:
+        yield words("diagnosis.do_experiment", what=document["experiment"])
+    if document["effects"]:
+        yield words("diagnosis.do_watch")
+    else:
+        yield words("diagnosis.do_keep")

@@ -1,0 +1,269 @@
+"""The first page of every report: question, answer, confidence, one picture, what to do.
+
+Alternatives that fit as well stand beside the answer. An improvement is stated against the
+model as given and against the refitted one. Where and when the data are from stands below.
+"""
+
+import dataclasses
+import datetime
+import html
+import importlib.metadata
+import os
+from collections.abc import Iterator, Sequence
+from typing import Literal
+
+from .words import Words
+
+Kind = Literal["modes", "diagnosis", "reliability", "plan", "state"]
+Level = Literal["high", "medium", "low"]
+
+SURE, LIKELY = 0.95, 0.7
+"""Probabilities [1] from which confidence is called high and medium. Source: 0.95 is the
+customary level of a test, 0.7 is what makes an answer more than twice as likely as all else."""
+
+
+def level_of(probability: float) -> Level:
+    """Name the confidence of an answer by its probability."""
+    return "high" if probability >= SURE else "medium" if probability >= LIKELY else "low"
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Confidence:
+    """How sure an answer is, in a word, and the number with what it means."""
+
+    level: Level
+    number: str
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Alternative:
+    """Another answer that the data allow, and its probability or cost with unit."""
+
+    name: str
+    measure: str
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class Improvement:
+    """Error of a model before and after, against measurements.
+
+    Parameters
+    ----------
+    given, refitted, final
+        Error of the model as given; with its constants refitted and nothing added (None where
+        nothing was refitted); and of the model that is adopted [unit].
+    floor
+        Error that the noise alone leaves [unit]; None if unknown.
+    unit
+        Unit of all four, such as %.
+    meaning
+        Definition of the error.
+    """
+
+    given: float
+    refitted: float | None
+    final: float
+    floor: float | None
+    unit: str
+    meaning: str
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Sketch:
+    """A structure as points and lines between them; the places that the answer is about.
+
+    Parameters
+    ----------
+    points
+        Name, and coordinates to the right and up, of each point.
+    lines
+        Name, and the names of the two ends, of each line.
+    marked
+        Names of points and lines that are drawn strongly.
+    """
+
+    points: Sequence[tuple[str, float, float]]
+    lines: Sequence[tuple[str, str, str]]
+    marked: Sequence[str] = ()
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class FirstPage:
+    """Contents of a first page.
+
+    Parameters
+    ----------
+    subject
+        Name of the structure or of the file.
+    question, answer
+        A sentence each.
+    actions
+        What to do, the most urgent first.
+    alternatives
+        Answers that fit about as well.
+    facts
+        Labels of the catalogue, such as `facts.rate`, and their values.
+    place
+        Where on the structure; empty for the whole.
+    """
+
+    kind: Kind
+    subject: str
+    question: str
+    answer: str
+    confidence: Confidence
+    actions: Sequence[str]
+    alternatives: Sequence[Alternative] = ()
+    improvement: Improvement | None = None
+    facts: Sequence[tuple[str, str]] = ()
+    sketch: Sketch | None = None
+    place: str = ""
+
+
+def made_on() -> str:
+    """Date of a report, or that of SOURCE_DATE_EPOCH, for reports that are to be compared.
+
+    References
+    ----------
+    .. [1] https://reproducible-builds.org/specs/source-date-epoch/
+    """
+    fixed = os.environ.get("SOURCE_DATE_EPOCH", "")
+    now = datetime.datetime.now(datetime.UTC)
+    if fixed.isdecimal():
+        now = datetime.datetime.fromtimestamp(int(fixed), datetime.UTC)
+    return f"{now:%Y-%m-%d}"
+
+
+def first_page(page: FirstPage, words: Words, picture: str) -> str:
+    """Write it as HTML.
+
+    Parameters
+    ----------
+    picture
+        HTML of the one picture; empty for none.
+    """
+    return "\n".join(
+        [
+            '<header class="first">',
+            f'<p class="kind">{_escaped(words(f"kind.{page.kind}"))} · '
+            f"{_escaped(page.subject)}</p>",
+            f'<p class="question">{_escaped(page.question)}</p>',
+            '<div class="beside"><div class="told">',
+            f"<h1>{_escaped(page.answer)}</h1>",
+            f'<p class="confidence {page.confidence.level}"><strong>'
+            f"{_escaped(words(f'confidence.{page.confidence.level}'))}</strong> "
+            f"{_escaped(page.confidence.number)}</p></div>",
+            *_alternatives(page, words),
+            "</div>",
+            f'<div class="shown">{picture}{_sketch(page, words)}</div>',
+            f'<div class="do"><h2>{_escaped(words("do"))}</h2><ol>',
+            *(f"<li>{_escaped(action)}</li>" for action in page.actions),
+            "</ol></div>",
+            *_improvement(page.improvement, words),
+            *_facts(page, words),
+            "</header>",
+        ]
+    )
+
+
+def _escaped(text: str) -> str:
+    return html.escape(text)
+
+
+def _alternatives(page: FirstPage, words: Words) -> Iterator[str]:
+    yield f'<aside class="alternatives"><h2>{_escaped(words("alternatives"))}</h2>'
+    if page.alternatives:
+        yield "<ul>"
+        for one in page.alternatives:
+            yield f"<li>{_escaped(one.name)} <span>{_escaped(one.measure)}</span></li>"
+        yield "</ul>"
+    else:
+        yield f"<p>{_escaped(words(f'no_alternatives.{page.kind}'))}</p>"
+    yield "</aside>"
+
+
+def _improvement(one: Improvement | None, words: Words) -> Iterator[str]:
+    if one is None:
+        return
+
+    def amount(value: float | None) -> str:
+        return "–" if value is None else f"{words.number(value)} {one.unit}"
+
+    yield f'<div class="improvement"><h2>{_escaped(words("improvement"))}</h2>'
+    columns = {"given": one.given, "refitted": one.refitted, "final": one.final}
+    if one.floor is not None:
+        columns["floor"] = one.floor
+    heads = "".join(f"<th>{_escaped(words(f'error.{name}'))}</th>" for name in columns)
+    cells = "".join(f"<td>{_escaped(amount(value))}</td>" for value in columns.values())
+    yield f'<div class="wide"><table><thead><tr>{heads}</tr></thead>'
+    yield f"<tbody><tr>{cells}</tr></tbody></table></div>"
+    said = [_change("given", one.given, one.final, words)]
+    if one.refitted is not None:
+        said.append(_change("refitted", one.refitted, one.final, words))
+    yield f"<p>{_escaped(' '.join(said))} {_escaped(one.meaning)}</p></div>"
+
+
+def _change(which: str, before: float, after: float, words: Words) -> str:
+    """Write by how much the error has changed since one of the models."""
+    share = 1.0 - after / before if before > 0.0 else 0.0
+    kind = "less" if share > 0.0 else "more" if share < 0.0 else "same"
+    return words(f"improvement.{which}.{kind}", share=words.percent(abs(share), 3))
+
+
+def _facts(page: FirstPage, words: Words) -> Iterator[str]:
+    rows = [*page.facts]
+    if page.place:
+        rows.append((words("facts.place"), page.place))
+    rows += [
+        (words("facts.made"), made_on()),
+        (words("facts.version"), f"slowtime {importlib.metadata.version('slowtime')}"),
+    ]
+    yield '<dl class="facts">'
+    for label, value in rows:
+        yield f"<div><dt>{_escaped(label)}</dt><dd>{_escaped(value)}</dd></div>"
+    yield "</dl>"
+
+
+SIDE, MARGIN, TALL = 640.0, 46.0, 130.0
+"""Width of a sketch, its margin for names, and its greatest height within [CSS px]: with them
+every first page of the tests is one sheet of A4."""
+
+MOST_NAMES = 14
+"""Points of a sketch that are all named [1]; of more, only those marked."""
+
+
+def _sketch(page: FirstPage, words: Words) -> str:
+    """Draw the structure as SVG, the places of the answer strongly."""
+    sketch = page.sketch
+    if sketch is None or not sketch.points:
+        return ""
+    xs = [x for _, x, _ in sketch.points]
+    ys = [y for _, _, y in sketch.points]
+    across, up = max(xs) - min(xs), max(ys) - min(ys)
+    scale = min((SIDE - 2 * MARGIN) / max(across, 1e-12), TALL / max(up, 1e-12))
+    height = up * scale + 2 * MARGIN
+    left = 0.5 * (SIDE - across * scale)
+    at = {
+        name: (left + (x - min(xs)) * scale, height - MARGIN - (y - min(ys)) * scale)
+        for name, x, y in sketch.points
+    }
+    drawn = []
+    for name, first, last in sketch.lines:
+        (x1, y1), (x2, y2) = at[first], at[last]
+        strong = ' class="strong"' if name in sketch.marked else ""
+        drawn.append(f'<line x1="{x1:.1f}" y1="{y1:.1f}" x2="{x2:.1f}" y2="{y2:.1f}"{strong}/>')
+        if name in sketch.marked or len(sketch.lines) <= MOST_NAMES:
+            drawn.append(
+                f'<text x="{(x1 + x2) / 2:.1f}" y="{(y1 + y2) / 2 - 8:.1f}"{strong}>'
+                f"{_escaped(name)}</text>"
+            )
+    for name, (x, y) in at.items():
+        strong = ' class="strong"' if name in sketch.marked else ""
+        drawn.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="7"{strong}/>')
+        if name in sketch.marked or len(at) <= MOST_NAMES:
+            drawn.append(f'<text x="{x:.1f}" y="{y + 24:.1f}"{strong}>{_escaped(name)}</text>')
+    label = _escaped(words("sketch", place=page.place or page.subject))
+    return (
+        f'<figure class="sketch"><svg viewBox="0 0 {SIDE:g} {height:.0f}" role="img" '
+        f'aria-label="{label}">{"".join(drawn)}</svg><figcaption>{label}</figcaption></figure>'
+    )

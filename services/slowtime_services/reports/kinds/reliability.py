@@ -1,0 +1,162 @@
+"""The report on a probability of failure by several methods."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+from slowtime.reliability import Problem, Result
+from slowtime_services.reports.first_page import Alternative, Confidence, FirstPage, Level
+from slowtime_services.reports.page import Chart, Section, Table, write_page
+from slowtime_services.reports.words import Words
+
+GOOD, FAIR = 0.1, 0.3
+"""Coefficients of variation [1] up to which an estimate is of high and of medium confidence.
+Source: at 0.3 the 95 % interval spans about a factor of four, at 0.1 one of 1.5."""
+
+
+def write_reliability_report(
+    path: Path,
+    name: str,
+    problem: Problem,
+    found: Sequence[Result],
+    refused: Mapping[str, str],
+    *,
+    seed: int,
+    language: str = "en",
+) -> None:
+    """Write the report of `slowtime reliability`, as HTML or PDF."""
+    words = Words(language)
+    first = reliability_page(name, problem, found, words, seed=seed)
+    write_page(
+        path, f"{words('kind.reliability')}: {name}", first.answer,
+        list(_sections(problem, found, refused)), first=first,
+        picture=_picture(found, words), language=language,
+    )  # fmt: skip
+
+
+def reliability_page(
+    name: str, problem: Problem, found: Sequence[Result], words: Words, *, seed: int
+) -> FirstPage:
+    """Give the first page: the estimate with the narrowest interval, the others beside it."""
+    best = _best(found)
+    others = [one for one in found if one is not best]
+    beta = words.number(best.beta, 4)
+    p = words.number(best.probability)
+    if best.interval is None:
+        answer = words("reliability.approximate", p=p, beta=beta)
+    else:
+        lo, hi = (words.number(end) for end in best.interval)
+        answer = words("reliability.answer", p=p, lo=lo, hi=hi, beta=beta)
+    return FirstPage(
+        kind="reliability",
+        subject=name,
+        question=words("reliability.question", name=name),
+        answer=answer,
+        confidence=_confidence(best, others, words),
+        actions=list(_actions(best, found, problem, words)),
+        alternatives=[_alternative(one, words) for one in others],
+        facts=[
+            (words("facts.data"), name),
+            (words("facts.inputs"), ", ".join(problem.names)),
+            (words("facts.method"), best.method),
+            (words("facts.calls"), str(best.calls)),
+            (words("facts.seed"), str(seed)),
+        ],
+    )
+
+
+def _best(found: Sequence[Result]) -> Result:
+    def width(one: Result) -> tuple[bool, bool, float]:
+        known = one.variation is not None and math.isfinite(one.variation)
+        return one.interval is None, bool(one.warnings), one.variation if known else math.inf  # type: ignore[return-value]
+
+    return min(found, key=width)
+
+
+def _confidence(best: Result, others: Sequence[Result], words: Words) -> Confidence:
+    cov = best.variation
+    if best.interval is None or cov is None:
+        return Confidence("low", words("reliability.no_interval"))
+    lo, hi = best.interval
+    agree = sum(lo <= one.probability <= hi for one in others)
+    level: Level = "high" if cov <= GOOD else "medium" if cov <= FAIR else "low"
+    if best.warnings:
+        level = "low"
+    told = words(
+        "reliability.confidence", cov=words.percent(cov, 2), agree=agree, n=len(others)
+    )
+    return Confidence(level, told)
+
+
+def _alternative(one: Result, words: Words) -> Alternative:
+    p = words.number(one.probability)
+    name = words("reliability.other", method=one.method, p=p)
+    if one.interval is None:
+        return Alternative(name, words("reliability.other_none"))
+    lo, hi = (words.number(end) for end in one.interval)
+    return Alternative(name, words("reliability.other_interval", lo=lo, hi=hi))
+
+
+def _actions(
+    best: Result, found: Sequence[Result], problem: Problem, words: Words
+) -> Iterator[str]:
+    for warning in best.warnings:
+        yield words("reliability.do_warning", method=best.method, warning=warning)
+    yield words("reliability.do_compare")
+    point = next((one.design_points[0] for one in found if one.design_points), None)
+    if point is not None:
+        most = int(point.importance.argmax())
+        share = words.percent(float(point.importance[most]), 3)
+        yield words("reliability.do_input", name=problem.names[most], share=share)
+
+
+def _picture(found: Sequence[Result], words: Words) -> Chart:
+    p = [one.probability for one in found]
+    ends = [one.interval or (one.probability, one.probability) for one in found]
+    trace = {
+        "type": "scatter", "mode": "markers", "x": p, "y": [one.method for one in found],
+        "marker": {"color": "#0b6fb8", "size": 10},
+        "error_x": {
+            "type": "data", "symmetric": False,
+            "array": [hi - x for (_, hi), x in zip(ends, p, strict=True)],
+            "arrayminus": [x - lo for (lo, _), x in zip(ends, p, strict=True)],
+        },
+    }  # fmt: skip
+    positive = all(lo > 0 for lo, _ in ends) and all(x > 0 for x in p)
+    layout = {
+        "xaxis": {
+            "title": {"text": words("reliability.axis")},
+            "type": "log" if positive else "linear", "exponentformat": "power", "nticks": 6,
+        },
+        "yaxis": {"type": "category", "automargin": True},
+    }  # fmt: skip
+    return Chart([trace], layout, words("reliability.picture"))
+
+
+def _sections(
+    problem: Problem, found: Sequence[Result], refused: Mapping[str, str]
+) -> Iterator[Section]:
+    rows = []
+    for one in found:
+        told = one.no_interval
+        if one.interval is not None:
+            told = f"{one.interval[0]:.3g} to {one.interval[1]:.3g}"
+        cov = "" if one.variation is None else f"{100 * one.variation:.1f}"
+        cells = one.method, f"{one.probability:.3e}", told, f"{one.beta:.3f}", cov
+        rows.append((*cells, str(one.calls)))
+    heads = ("method", "P_f [1]", "95 % interval [1]", "beta [1]", "c.o.v. [%]", "calls [1]")
+    notes = [f"{one.method}: {warning}" for one in found for warning in one.warnings]
+    notes += [f"{method} cannot be applied: {said}" for method, said in refused.items()]
+    caption = "β = −Φ⁻¹(P_f); c.o.v. is the standard deviation of the estimate over itself."
+    yield Section("Results", notes, [Table(heads, rows, caption)])
+    points = next((one.design_points for one in found if one.design_points), ())
+    listed = [
+        (str(k), f"{point.beta:.3f}", name, f"{point.x[i]:.5g}",
+         f"{100 * point.importance[i]:.1f}")
+        for k, point in enumerate(points[:5], start=1)
+        for i, name in enumerate(problem.names)
+    ]  # fmt: skip
+    if listed:
+        told = "Importance is α², the share of the variance at the design point."
+        names = ("point", "beta [1]", "input", "value", "importance [%]")
+        yield Section("Design points", (), [Table(names, listed, told)])

@@ -1,0 +1,130 @@
+"""One report of each kind, of made-up results, for tests of what all reports have in common."""
+
+import copy
+from pathlib import Path
+
+import numpy as np
+
+from slowtime.identification.automatic.modal_result import ModalResult
+from slowtime.identification.estimates import Measured
+from slowtime.identification.modes import Mode
+from slowtime.identification.subspace.stabilisation import Stabilisation
+from slowtime.reliability import Problem, estimate, marginal
+from slowtime_cli.records import mode_tables
+from slowtime_services.diagnose import document_of, write_report
+from slowtime_services.reports import Section, Sketch, Words
+from slowtime_services.reports.kinds.modes import modes_page
+from slowtime_services.reports.kinds.plan import write_plan_report
+from slowtime_services.reports.kinds.reliability import write_reliability_report
+from slowtime_services.reports.kinds.state import write_state_report
+from slowtime_services.reports.page import write_page
+from tests.services.diagnose.slide import told
+from twin_server.serve.models.plans import PLAN_EXAMPLE
+
+CHANNELS = ("roof", "middle", "ground")
+
+
+def _mode(hz, kind="structural", flags=()):
+    shape = np.array([1.0, 0.6, 0.1], dtype=complex) / np.linalg.norm([1.0, 0.6, 0.1])
+    return Mode(
+        frequency_hz=Measured(hz, 0.002 * hz),
+        damping_ratio=Measured(0.012, 0.001),
+        correlation=0.1,
+        shape=shape,
+        shape_sd=np.full(3, 0.01),
+        kind=kind,
+        quality=0.9,
+        flags=flags,
+    )
+
+
+def modal_result():
+    """Two modes, one of them doubted, and the line of a machine."""
+    empty = np.zeros(0)
+    none = Stabilisation(
+        np.zeros(0, dtype=int), empty, empty, empty, empty, np.zeros(0, dtype=int)
+    )
+    hz = np.linspace(0.0, 20.0, 200)
+    values = 1.0 / (0.01 + (hz[:, None] - np.array([2.5, 7.0])) ** 2)
+    modes = (_mode(2.5), _mode(7.0, flags=("few_orders",)), _mode(10.0, "harmonic"))
+    return ModalResult(modes=modes, stabilisation=none, spectrum_hz=hz, singular_values=values)
+
+
+def modes(path: Path, language: str) -> None:
+    """Write a report on modes, as `slowtime identify` does, with a sketch."""
+    result, words = modal_result(), Words(language)
+    sketch = Sketch([("1", 0.0, 0.0), ("2", 0.0, 3.0)], [("1–2", "1", "2")], ("2",))
+    first = modes_page(
+        "tower.csv", result, CHANNELS, words, rate_hz=40.0, duration_s=600.0, sketch=sketch
+    )
+    table = mode_tables._table(result, ())
+    spectra = mode_tables._spectra(result, "Spectra.")
+    sections = [Section("Modes", (), [table])]
+    write_page(
+        path, "Modes", first.answer, sections, first=first, picture=spectra, language=language
+    )
+
+
+def diagnosis(path: Path, language: str) -> None:
+    """Write the report of a slide that grows stiffer."""
+    found = told()
+    document = document_of(found, records=["learn.npz"], holdout=["judge.npz"])
+    write_report(path, found, document, language=language)
+
+
+def reliability(path: Path, language: str) -> None:
+    """Write the report of a difference of two normal numbers."""
+    inputs = {
+        "strength": marginal("normal", mean=200.0, sd=20.0),
+        "load": marginal("normal", mean=150.0, sd=20.0),
+    }
+    problem = Problem(inputs, lambda x: x[:, 0] - x[:, 1])
+    found = [estimate(problem, name, seed=1) for name in ("form", "monte-carlo")]
+    write_reliability_report(
+        path, "beam.yaml", problem, found, {"system": "one limit state"}, seed=1,
+        language=language,
+    )  # fmt: skip
+
+
+def plan_answer():
+    """Give the plan of the reference, with a second option that costs about as much."""
+    plan = copy.deepcopy(PLAN_EXAMPLE)
+    other = copy.deepcopy(plan["options"][0])
+    other |= {"name": "age", "words": "order a repair for an age of 3 years from now on"}
+    other["cost"]["value"] = 63000.0
+    plan["options"].append(other)
+    return plan
+
+
+def plan(path: Path, language: str) -> None:
+    """Write the report of a plan."""
+    write_plan_report(path, plan_answer(), language=language)
+
+
+def states(loss=0.25, sd=0.01):
+    """Epochs of a beam that loses stiffness evenly."""
+    return [
+        {
+            "slow_time": float(k),
+            "slow_time_unit": "d",
+            "valid": k > 2,
+            "reasons": [] if k > 2 else ["The reference is being learnt."],
+            "frequency_hz": {"value": 3.0 * (1 - loss * k / 40) ** 0.5, "sd": 0.01},
+            "stiffness_change": {"value": -loss * k / 40, "sd": sd},
+        }
+        for k in range(41)
+    ]
+
+
+def state(path: Path, language: str) -> None:
+    """Write the report of a state."""
+    write_state_report(path, "lab.beam", states(), "stiffness", language=language)
+
+
+WRITERS = {
+    "modes": modes,
+    "diagnosis": diagnosis,
+    "reliability": reliability,
+    "plan": plan,
+    "state": state,
+}

@@ -1,0 +1,197 @@
+"""Every kind of report has the same first page, in both languages, on paper and on a phone."""
+
+import html
+import json
+import re
+import shutil
+import subprocess
+
+import pytest
+
+from slowtime_services.reports import (
+    LANGUAGES,
+    FirstPage,
+    Improvement,
+    PrintingError,
+    Words,
+    level_of,
+    pdf,
+)
+from slowtime_services.reports.first_page import Confidence, first_page, made_on
+from slowtime_services.reports.kinds.plan import plan_page
+from slowtime_services.reports.kinds.state import state_page
+from slowtime_services.reports.words import FOLDER
+from tests.services.reports.reports_of_each_kind import WRITERS, plan_answer, states
+
+SAYS = {
+    ("modes", "en"): ["Which modes of vibration does tower.csv have?", "2.5 ± 0.005 Hz",
+                      "1.2 ± 0.1 %", "7 Hz", "few orders", "10 Hz", "40 Hz", "600 s"],
+    ("modes", "de"): ["Welche Moden hat tower.csv?", "2,5 ± 0,005 Hz", "1,2 ± 0,1 %",
+                      "Abtastrate", "eine Mode verdecken"],
+    ("diagnosis", "en"): ["What does the model slide lack?", "cubic hardening at element j",
+                          "gap symmetric", "Against the model as given the error falls by",
+                          "Against the refitted model", "50 Hz", "learn.npz", "element j"],
+    ("diagnosis", "de"): ["Was fehlt dem Modell slide?", "cubic hardening an element j",
+                          "Gegenüber dem gegebenen Modell sinkt der Fehler um",
+                          "Gegenüber dem angepassten Modell"],
+    ("reliability", "en"): ["How probable is a failure of beam.yaml?", "95 % interval",
+                            "form: 0.0385", "carries 50 % of the variance"],
+    ("reliability", "de"): ["Wie wahrscheinlich ist ein Versagen von beam.yaml?",
+                            "95-%-Intervall 0,03", "form: 0,0385", "trägt 50 %"],
+    ("plan", "en"): ["What is to be done with demo.tower, and by when?",
+                     "Last safe day to order a repair: 2028-12-28 (in 2.1 years).",
+                     "61,200 EUR", "order a repair for an age of 3 years", "0.5 years"],
+    ("plan", "de"): ["Was ist mit demo.tower zu tun, und bis wann?",
+                     "Letzter sicherer Tag, eine Reparatur zu bestellen: 2028-12-28 "
+                     "(in 2,1 Jahren).", "61.200 EUR", "0,5 Jahren"],
+    ("state", "en"): ["Has lab.beam changed, and by how much?",
+                      "The stiffness has fallen by 25 ± 1 % since as built.",
+                      "a change of mass by 33.3 ± 1.8 % instead", "3 (The reference is"],
+    ("state", "de"): ["Hat sich lab.beam geändert, und um wie viel?",
+                      "Die Steifigkeit ist seit dem Bau um 25 ± 1 % gesunken.",
+                      "eine Änderung der Masse um 33,3 ± 1,8 %"],
+}  # fmt: skip
+
+EACH = [(kind, language) for kind in WRITERS for language in LANGUAGES]
+
+
+def written(tmp_path, kind, language, ending="html"):
+    path = tmp_path / f"{kind}.{ending}"
+    WRITERS[kind](path, language)
+    return path
+
+
+@pytest.mark.parametrize(("kind", "language"), EACH)
+def test_the_first_page_answers_and_says_how_sure_and_what_to_do(tmp_path, kind, language):
+    page = written(tmp_path, kind, language).read_text(encoding="utf-8")
+    words = Words(language)
+    assert f'<html lang="{language}">' in page
+    found = re.search(r'<header class="first">(.*?)</header>', page, re.DOTALL)
+    assert found is not None
+    head = found[1]
+    text = html.unescape(re.sub(r"<script.*?</script>|<[^>]+>", " ", head, flags=re.DOTALL))
+    text = " ".join(text.split())
+    for said in SAYS[kind, language]:
+        assert said in text
+    # One question, one answer, one picture, and a list of what to do.
+    for part in ("question", "confidence", "alternatives", "do", "facts", "chart"):
+        assert len(re.findall(rf'class="{part}[ "]', head)) == 1, part
+    assert len(re.findall("<h1>", page)) == 1
+    assert re.search(r'<div class="do"><h2>[^<]*</h2><ol>\s*<li>[^<]+</li>', head)
+    # Alternatives stand beside the answer: within its row, before the picture.
+    assert head.index("alternatives") < head.index('class="chart"')
+    assert any(words(f"confidence.{level}") in text for level in ("high", "medium", "low"))
+    assert re.search(r"slowtime \d", text)
+    assert made_on() in text
+    if kind == "diagnosis":
+        assert '<svg viewBox="0 0 640' in head
+        for stray in ("It is steady.", "It is linear.", ">score<"):
+            assert stray not in page
+
+
+@pytest.mark.parametrize("kind", list(WRITERS))
+def test_headings_of_details_are_of_the_same_language(tmp_path, kind):
+    page = written(tmp_path, kind, "de").read_text(encoding="utf-8")
+    body = page.partition("</header>")[2]
+    for heading in re.findall(r"<h2([^>]*)>", body):
+        assert "lang" not in heading
+    # Sentences that stay English are marked, for readers and for their machines.
+    assert not re.findall(r"<p>", body)
+    english = set(json.loads((FOLDER / "de.json").read_text())["headings"])
+    cells = [html.unescape(cell) for cell in re.findall(r'<th scope="col">([^<]*)</th>', body)]
+    same = {"option", "5 %", "95 %", "p-value", "beta [1]", "P_f [1]", "parameters"}
+    assert not (set(cells) & english) - same - {"Option"}
+
+
+def test_both_languages_have_the_same_messages_with_the_same_places():
+    en, de = (json.loads((FOLDER / f"{one}.json").read_text())["messages"] for one in LANGUAGES)
+    assert en.keys() == de.keys()
+    for key, message in en.items():
+        assert set(re.findall(r"\{\w+\}", message)) == set(re.findall(r"\{\w+\}", de[key])), key
+
+
+def test_an_improvement_is_stated_against_both_models():
+    page = FirstPage(
+        kind="diagnosis", subject="s", question="q", answer="a",
+        confidence=Confidence("high", ""), actions=["do"],
+        improvement=Improvement(
+            given=40.0, refitted=20.0, final=5.0, floor=1.0, unit="%", meaning="Of what."
+        ),
+    )  # fmt: skip
+    text = re.sub(r"<[^>]+>", " ", first_page(page, Words("en"), ""))
+    assert "the error falls by 87.5 %." in text
+    assert "to which nothing was added, it falls by 75 %." in text
+    assert " ".join(text.split()).count("40 % 20 % 5 % 1 %") == 1
+
+
+def test_a_change_that_is_not_certain_is_not_called_one():
+    for loss, sd, level in ((0.25, 0.01, "high"), (0.01, 0.02, "low"), (0.03, 0.02, "medium")):
+        page = state_page("b", states(loss, sd), "stiffness", Words("en"))
+        assert page.confidence.level == level
+        assert ("No change" in page.answer) == (level != "high")
+
+
+def test_a_plan_whose_last_safe_day_has_passed_says_so_first():
+    plan = plan_answer()
+    plan["action"] = "repair"
+    plan["last_order"] |= {"status": "passed", "order": None}
+    page = plan_page(plan, Words("en"))
+    assert page.answer.startswith("Order the repair now. The last safe day to order a repair")
+    assert any(action.startswith("Order now: done 2027-05-22") for action in page.actions)
+    refused = plan_page(plan | {"options": [], "sentence": "Too few."}, Words("de"))
+    assert refused.answer == "Es gibt keinen Plan: Too few."
+
+
+@pytest.mark.parametrize(("p", "level"), [(0.99, "high"), (0.8, "medium"), (0.3, "low")])
+def test_confidence_is_named_by_probability(p, level):
+    assert level_of(p) == level
+
+
+def test_a_language_that_there_is_not_is_refused():
+    with pytest.raises(ValueError, match="Allowed: en, de"):
+        Words("fr")
+
+
+def test_without_a_browser_a_pdf_says_what_to_do(tmp_path, monkeypatch):
+    monkeypatch.setenv(pdf.BROWSER, "no-such-browser")
+    with pytest.raises(PrintingError, match=r"Install Chromium.*ends in \.html"):
+        written(tmp_path, "plan", "en", "pdf")
+
+
+@pytest.mark.browser
+@pytest.mark.long
+@pytest.mark.parametrize(("kind", "language"), EACH)
+def test_a_pdf_has_text_that_can_be_selected_and_clips_nothing(
+    tmp_path, browser, kind, language
+):
+    if shutil.which("pdftotext") is None:
+        pytest.skip("no pdftotext: install poppler-utils")
+    path = written(tmp_path, kind, language, "pdf")
+    page = written(tmp_path, kind, language).read_text(encoding="utf-8")
+
+    def told(*flags):
+        command = ["pdftotext", *flags, str(path), "-"]
+        return subprocess.run(command, capture_output=True, check=True).stdout.decode()
+
+    text = " ".join(told().split())
+    for said in SAYS[kind, language][:2]:
+        assert said in text
+    squeezed = re.sub(r"\s", "", text)
+    for cell in re.findall(r"<t[dh][^>]*>([^<]*)</t[dh]>", page):
+        assert re.sub(r"\s", "", html.unescape(cell)) in squeezed
+    boxes = told("-bbox")
+    wide = float(re.findall(r'<page width="([\d.]+)"', boxes)[0])
+    assert wide == pytest.approx(595, abs=2)  # A4
+    for low, high in re.findall(r'<word xMin="(-?[\d.]+)" yMin="[^"]*" xMax="([\d.]+)"', boxes):
+        assert 30.0 < float(low) < float(high) < wide - 30.0
+
+
+@pytest.mark.browser
+@pytest.mark.long
+@pytest.mark.parametrize("kind", list(WRITERS))
+def test_on_a_phone_nothing_is_wider_than_the_screen(tmp_path, browser, kind):
+    page = browser.new_page(viewport={"width": 400, "height": 800})
+    page.goto(written(tmp_path, kind, "en").as_uri())
+    page.locator(".chart .main-svg").first.wait_for(timeout=300_000)
+    assert page.evaluate("document.documentElement.scrollWidth") <= 400
+    page.close()
