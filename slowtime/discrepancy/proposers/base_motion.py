@@ -56,7 +56,7 @@ def base_motion(
 ) -> NamedEffect | None:
     """Name a motion of the base that nobody measured, where it beats all else.
 
-    It must be likelier than an unknown force anywhere else, leave no more than any, and be
+    It must be likelier than an unknown force anywhere else, explain no less than any, and be
     likelier than any law; where it enters tells it from a force. Where sensors are too few for
     that, or it does not explain all that is missing, no law may explain much: a force within
     the structure is made by the motion, one from outside is not. Nor can it in the first case
@@ -78,7 +78,7 @@ def base_motion(
     lead = likelihood - max(rivals, default=-math.inf)
     if lead < LIMITS.least_log_evidence or located.p_value > LIMITS.false_alarm_p_value:
         return None
-    if any(other.left < group.left for other in apart):
+    if any(other.share > group.share for other in located.groups[1:]):
         return None  # far above the noise, an error of the model is told from both by luck
     made = max((-c.cost / 2 for c in tried), default=-math.inf)
     if group.twins and not first:
