@@ -1,10 +1,10 @@
 """Courses of measured decays beside piecewise fits by SciPy.
 
-Run `python -m benchmarks.methods.measured_decays`. Of each decay in SLOWTIME_DATA that is there,
+Run `python -m benchmarks.methods.measured_decays`. Of each decay that is in SLOWTIME_DATA,
 frequency and damping along it (`decay_law`) are compared with stretches of 3 or 1.5 cycles: a
 Butterworth band-pass of two octaves, forwards and backwards, then a damped cosine by least
-squares, which knows neither laws nor windows of `decay_envelope`. Stretches below a tenth of the
-largest amplitude are left out, because noise and the filter move SciPy's fit there.
+squares, which knows neither laws nor windows of `decay_envelope`. Stretches below a tenth of
+the largest amplitude are left out, because noise and the filter move SciPy's fit there.
 """
 
 import os
@@ -102,9 +102,7 @@ def compared(
 def main() -> int:
     """Print a row for each decay that is there."""
     data = Path(os.environ.get("SLOWTIME_DATA", ROOT.parent / "shared/data"))
-    print(
-        "| decay | stretches | damping | median apart | within 3 sd + 5 % | frequency, at most |"
-    )
+    print("| decay | stretches | damping | median apart | within 3 sd + 5 % | frequency |")
     print("|---|---|---|---|---|---|")
     for name, (read, *how) in RECORDS.items():
         try:
