@@ -10,7 +10,8 @@ a structure of other shapes, white forces of eight times the rate).
 Errors are compared with the Cramér-Rao bound of each mode alone (`ambient_law`), over the root
 of the share of the samples that are there. A mode within the band is refused with reason where
 the bound of its damping exceeds half of it. `--out FILE` writes each run as a line of JSON, and
-makes no run that is there anew; `--table` only prints what is there, as a page in Markdown.
+makes no run that is there anew; `--method NAME` makes runs of one method (it may be repeated);
+`--table` only prints what is there, as a page in Markdown.
 """
 
 import argparse
@@ -215,11 +216,11 @@ def found(given: Record, cell: Cell, method: str) -> list[list[float]]:
     ]
 
 
-def run(cell: Cell, simulator: str, seed: int) -> dict[str, Any]:
-    """Read one record by each method."""
+def run(cell: Cell, simulator: str, seed: int, methods: Sequence[str]) -> dict[str, Any]:
+    """Read one record by some methods."""
     given, share = record(cell, simulator, seed)
     row: dict[str, Any] = {"share": share, "modes": {}, "seconds": {}}
-    for method in METHODS:
+    for method in methods:
         begun = time.process_time()
         row["modes"][method] = found(given, cell, method)
         row["seconds"][method] = round(time.process_time() - begun, 2)
@@ -290,9 +291,14 @@ def tables(rows: dict[tuple[str, str, int], dict[str, Any]]) -> Iterator[str]:
     def tally(method: str, where: Any) -> Tally:
         total = Tally()
         for (name, simulator, _), row in rows.items():
-            if where(cells[name], simulator):
+            if where(cells[name], simulator) and method in row["modes"]:
                 total.add(cells[name], row["share"], row["modes"][method])
         return total
+
+    for method in METHODS:
+        made = [key for key, row in rows.items() if method in row["modes"]]
+        yield f"`{method}`: {len(made)} records of {len({key[0] for key in made})} cells."
+    yield ""
 
     yield f"| method | {' | '.join(HEADING)} |"
     yield "|---" * (1 + len(HEADING)) + "|"
@@ -319,6 +325,13 @@ def tables(rows: dict[tuple[str, str, int], dict[str, Any]]) -> Iterator[str]:
     yield from starred
 
 
+def _join(rows: dict[tuple[str, str, int], dict[str, Any]], row: dict[str, Any]) -> None:
+    """Add a run, whose methods may be others than those of a run of the same record."""
+    before = rows.setdefault((row["cell"], row["simulator"], row["seed"]), row)
+    for part in ("modes", "seconds"):
+        before[part] = before[part] | row[part]
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Make the runs that are missing, and print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
@@ -327,21 +340,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--random", type=int, default=60, help="cells that are drawn")
     parser.add_argument("--random-seeds", type=int, default=1, help="seeds of each of those")
     parser.add_argument("--table", action="store_true", help="make no runs")
+    parser.add_argument("--method", action="append", choices=METHODS, help="of all, only these")
     given = parser.parse_args(arguments)
     rows: dict[tuple[str, str, int], dict[str, Any]] = {}
     if given.out.exists():
         for line in given.out.read_text(encoding="utf-8").splitlines():
-            row = json.loads(line)
-            rows[row["cell"], row["simulator"], row["seed"]] = row
+            _join(rows, json.loads(line))
     wanted = [(c, s) for s in range(given.seeds) for c in main_cells()]
     wanted += [(c, s) for s in range(given.random_seeds) for c in random_cells(given.random)]
     for cell, seed in [] if given.table else wanted:
         for simulator in SIMULATORS:
-            if (cell.name, simulator, seed) in rows:
+            there = rows.get((cell.name, simulator, seed), {"modes": {}})["modes"]
+            missing = [one for one in given.method or METHODS if one not in there]
+            if not missing:
                 continue
             row = {"cell": cell.name, "simulator": simulator, "seed": seed}
-            row |= run(cell, simulator, seed)
-            rows[cell.name, simulator, seed] = row
+            row |= run(cell, simulator, seed, missing)
+            _join(rows, row)
             with given.out.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(row) + "\n")
     print("\n".join(tables(rows)))

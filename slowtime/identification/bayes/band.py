@@ -25,6 +25,11 @@ class Band:
     derivatives: int = 2
     background: Complex[np.ndarray, "frequency channel channel"] | None = None
 
+    @property
+    def middle_hz(self) -> float:
+        """Geometric mean of its ends [Hz]."""
+        return float(np.sqrt(self.frequency_hz[0] * self.frequency_hz[-1]))
+
 
 def band_from(
     frequency_hz: Float[np.ndarray, " bin"],
@@ -82,8 +87,7 @@ def coloured(band: Band, exponent: float) -> tuple[Band, float]:
     -------
     Band, and what the scale adds to a log-density of the coefficients as they were.
     """
-    middle = np.sqrt(band.frequency_hz[0] * band.frequency_hz[-1])
-    log_scale = -2.0 * exponent * np.log(band.frequency_hz / middle)
+    log_scale = -2.0 * exponent * np.log(band.frequency_hz / band.middle_hz)
     scale = np.exp(log_scale)[:, None, None]
     background = None if band.background is None else band.background * scale
     jacobian = band.scatter.shape[1] * float(band.number @ log_scale)

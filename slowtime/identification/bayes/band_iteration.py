@@ -11,8 +11,8 @@ from slowtime.identification.estimates import Measured
 from .band_layout import BandProblem, ModeLayout, band_problem, band_problems, group_modes
 from .fit import BandPosterior, fit_coloured_band, rough_fit
 from .initial_estimates import InitialEstimate, RecordSpectrum, initial_estimates
-from .likelihood import coherence_score
-from .model import BandModes, add_guests
+from .likelihood import coherence_score, log_posterior
+from .model import BandModes, add_guests, parameter_vector
 
 ROUNDS = 3
 """Rounds of band layout and fit, at most."""
@@ -45,27 +45,30 @@ def fit_record(
     -------
     Posterior of each band, ascending in frequency.
     """
-    fits = _fitted(record, candidates_hz, lines)
-    # Displacements or velocities taken for accelerations show as forces of that colour, too,
-    # and the tails of modes outside a band are then not what they are taken for.
-    middle = round(float(np.median([fit.colour for fit in fits]))) if fits else 0
-    order = int(np.clip(record.derivatives + middle, 0, 2))
-    if order == record.derivatives:
-        return fits
-    return _fitted(dataclasses.replace(record, derivatives=order), candidates_hz, lines)
-
-
-def _fitted(
-    record: RecordSpectrum, candidates_hz: np.ndarray, lines: tuple[Measured, ...]
-) -> list[BandPosterior]:
     found = initial_estimates(record, candidates_hz)
     first = ModeLayout(found, np.eye(len(found), dtype=complex))
     picture = _seen(record, first, lines, coherent=False)
+    # Displacements or velocities may have been taken for accelerations, or forces be coloured
+    # alike: the tails of modes outside a band are then not what they are taken for. Where a
+    # mode hardly exceeds the noise its own band does not tell; all bands together do.
+    orders = [dataclasses.replace(record, derivatives=order) for order in range(3)]
+    likeliest = max(orders, key=lambda one: _height(one, picture, lines))
+    if likeliest.derivatives != record.derivatives:
+        record, picture = likeliest, _seen(likeliest, picture, lines, coherent=False)
     coherent = common_forces(record, picture, lines) < FALSE_ALARM
     if coherent:
         picture = _seen(record, first, lines, coherent=True)
     parts = band_problems(record, picture, lines, coherent=coherent)
     return [fit_coloured_band(part.band, part.start) for part in parts]
+
+
+def _height(record: RecordSpectrum, picture: ModeLayout, lines: tuple[Measured, ...]) -> float:
+    """Log-posterior of all bands together, laid out by the picture, under white forces."""
+    height = 0.0
+    for part in band_problems(record, picture, lines, coherent=False):
+        found = parameter_vector(rough_fit(part.band, part.start))
+        height += log_posterior(part.band, found, part.start)
+    return height
 
 
 def common_forces(

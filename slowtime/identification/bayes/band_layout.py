@@ -241,6 +241,7 @@ def _start(
         shapes=shapes,
         mixing=root,
         log_noise=np.log(np.maximum(noise, 1e-12 * power.mean())),
+        noise_exponent=np.zeros(len(noise)),
         guests=len(guests),
     )
 

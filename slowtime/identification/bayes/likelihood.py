@@ -20,12 +20,23 @@ import numpy as np
 from jaxtyping import Float
 
 from .band import Band
-from .model import BandModes, modes_from_vector, parameter_vector, slope_order, spectral_slopes
+from .model import (
+    BandModes,
+    modes_from_vector,
+    noise_density,
+    parameter_vector,
+    slope_order,
+    spectral_slopes,
+)
 from .resonances import cross_periodograms
 
 NOISE_PRIOR_SD = 3.0
 """Prior standard deviation of ln noise about its initial value: keeps a noise that the data do
 not determine bounded."""
+
+NOISE_EXPONENT_SD = 4.0
+"""Prior standard deviation of the exponent of the noise over frequency [1]: noise that is white
+in displacements has 4 in accelerations, a drift -2."""
 
 OWN_FORCES = 0.5
 r"""Exponent :math:`\eta` of the prior :math:`\det(G)^\eta` of coherences: little, but enough
@@ -126,7 +137,9 @@ def log_prior(modes: BandModes, start: BandModes) -> float:
         return -np.inf
     noise = (modes.log_noise - start.log_noise) / NOISE_PRIOR_SD
     coherent = 2 * OWN_FORCES * np.log(itself / length)
-    return float(coherent.sum() - 0.5 * np.sum((length - 1) ** 2) - 0.5 * np.sum(noise**2))
+    exponent = modes.noise_exponent / NOISE_EXPONENT_SD
+    squares = np.sum((length - 1) ** 2) + np.sum(noise**2) + np.sum(exponent**2)
+    return float(coherent.sum() - 0.5 * squares)
 
 
 def coherence_score(band: Band, start: BandModes) -> tuple[float, int]:
@@ -176,9 +189,12 @@ def _prior(modes: BandModes, start: BandModes) -> tuple[np.ndarray, np.ndarray]:
         across = 2 * OWN_FORCES / length**2 * (np.eye(len(part)) - along)
         information[np.ix_(places, places)] = along + across
         information[itself, itself] += 2 * OWN_FORCES / vector[itself] ** 2
-    noise = slice(len(vector) - len(modes.log_noise), None)
-    uphill[noise] = -(modes.log_noise - start.log_noise) / NOISE_PRIOR_SD**2
-    information[noise, noise] = np.eye(len(modes.log_noise)) / NOISE_PRIOR_SD**2
+    channels = len(modes.log_noise)
+    noise, last = slice(-2 * channels, None), np.arange(len(vector))[-2 * channels :]
+    stiff = np.repeat([NOISE_PRIOR_SD**-2, NOISE_EXPONENT_SD**-2], channels)
+    away = [modes.log_noise - start.log_noise, modes.noise_exponent]
+    uphill[noise] = -stiff * np.concatenate(away)
+    information[last, last] = stiff
     return uphill, information
 
 
@@ -187,7 +203,8 @@ class _Parts:
     """The matrices of the module's opening, each with the bins first.
 
     Of h, t and r (those of H, V H and H Q H) only what belongs to modes of the band is kept.
-    The rows y of all their modes stand one after the other; `of` says whose each is.
+    The rows y of all their modes stand one after the other; `of` says whose each is. `noise`
+    holds the slopes of the noise of each channel by its logarithm, then by its exponent.
     """
 
     modes: BandModes
@@ -197,7 +214,7 @@ class _Parts:
     w: np.ndarray
     v: np.ndarray
     q: np.ndarray
-    level: np.ndarray
+    noise: np.ndarray
 
 
 def _worked_out(band: Band, vector: np.ndarray, start: BandModes) -> _Parts:
@@ -208,11 +225,15 @@ def _worked_out(band: Band, vector: np.ndarray, start: BandModes) -> _Parts:
     own = np.arange(modes.guests, modes.guests + modes.number)
     of = np.repeat(own, [each.shape[1] for each in rows])
     y, q = np.concatenate(rows, axis=1), modes.shapes.T @ v
-    return _Parts(modes, y, of, h[:, :, own], w, v, q, np.exp(modes.log_noise))
+    level, away = noise_density(band, modes)
+    noise = np.concatenate([level, away[:, None] * level], axis=1)
+    return _Parts(modes, y, of, h[:, :, own], w, v, q, noise)
 
 
 def _matrices(band: Band, modes: BandModes, h: np.ndarray) -> np.ndarray:
-    rung = modes.shapes @ h @ modes.shapes.T + np.diag(np.exp(modes.log_noise))
+    rung = modes.shapes @ h @ modes.shapes.T
+    channel = np.arange(len(modes.log_noise))
+    rung[:, channel, channel] += noise_density(band, modes)[0]
     return np.asarray(rung if band.background is None else rung + band.background)
 
 
@@ -225,30 +246,34 @@ def _slope(band: Band, parts: _Parts) -> np.ndarray:
     of_modes = np.empty_like(of_rows)
     of_modes[slope_order(modes)] = of_rows
     of_shapes = 2 * np.einsum("kcm,kmi->ic", heard, parts.h).real
-    of_noise = parts.level * np.einsum("kcc->c", excess).real
+    itself = np.einsum("kcc->kc", excess).real
+    of_noise = np.sum(parts.noise * np.concatenate([itself, itself], axis=1), axis=0)
     return np.concatenate([of_modes, of_shapes.ravel(), of_noise])
 
 
 def _information(band: Band, parts: _Parts) -> np.ndarray:
-    """Blocks by poles and coherences, by shapes (mode after mode), by noises."""
-    w, v, h, level = parts.w, parts.v, parts.h, parts.level
+    """Blocks by poles and coherences, by shapes (mode after mode), by noises and exponents."""
+    w, v, h, noise = parts.w, parts.v, parts.h, parts.noise
+    twice = np.tile(np.arange(w.shape[1]), 2)
     weight = band.number[:, None, None]
     rows = weight * (parts.y @ np.swapaxes(v, 1, 2).conj())
     of_a = v[:, :, parts.of]
     turned = np.swapaxes(h, 1, 2).conj() @ parts.q[:, :, parts.of]
     modes_shapes = np.einsum("kpc,kjp->pjc", rows, turned)
     modes_shapes += np.einsum("kpj,kcp->pjc", weight * (parts.y @ parts.q @ h), of_a)
-    modes_noise = np.einsum("kpc,kcp->pc", rows, of_a)
+    modes_noise = np.einsum("kpc,kcp,kc->pc", rows[:, :, twice], of_a[:, twice], noise)
     shapes_shapes = _among_shapes(
         band.number, v @ h, w, np.swapaxes(h, 1, 2).conj() @ parts.q @ h
     )
-    shapes_noise = np.einsum("kdc,kdi->icd", weight * w, (v @ h).conj())
-    noise_noise = np.sum(weight * np.abs(w) ** 2, axis=0) * np.outer(level, level)
+    by_noise = (weight * w)[:, twice] * noise[:, :, None]
+    shapes_noise = np.einsum("kdc,kdi->icd", by_noise, (v @ h).conj()[:, twice])
+    both = (by_noise * w.conj()[:, twice])[:, :, twice] * noise[:, None]
+    noise_noise = np.sum(both.real, axis=0)
     count = len(parts.of)
     ordered = np.argsort(slope_order(parts.modes))
     upper = 2 * modes_shapes.real.reshape(count, -1)[ordered]
-    right = 2 * (modes_noise.real * level)[ordered]
-    below = 2 * (shapes_noise.real * level).reshape(-1, len(level))
+    right = 2 * modes_noise.real[ordered]
+    below = 2 * shapes_noise.real.reshape(-1, len(twice))
     return np.block(
         [
             [_among_rows(band.number, parts)[np.ix_(ordered, ordered)], upper, right],

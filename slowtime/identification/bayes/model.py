@@ -3,11 +3,12 @@ r"""Spectral matrix that modes and noise predict for the Fourier coefficients of
 In a band that m modes rule, the coefficients of the n channels are
 
 .. math:: F_k \sim \mathcal{CN}(0, E_k), \qquad
-          E_k = \Psi \, (G \circ D_k) \, \Psi^T + \mathrm{diag}(\nu),
+          E_k = \Psi \, (G \circ D_k) \, \Psi^T + \mathrm{diag}(\nu \, (f_k / f_0)^q),
 
 with real shapes :math:`\Psi` (n × m) scaled by the strength of their modes, the coherence
 :math:`G = L L^H` of the modal forces (L lower triangular), and :math:`D_k` the expected
-cross-periodograms of unit modes.
+cross-periodograms of unit modes. The noise of each channel has a density of its own, and an
+exponent q of its own over the band, of middle :math:`f_0`.
 
 Modes outside the band come first and are guests: their poles, shapes and mutual coherence are
 known from their own bands, but not their coherence with the modes of the band. One force
@@ -30,6 +31,7 @@ MOVE = 1e-4
 class BandModes:
     """Modes of one band, and before them as many `guests`.
 
+    `log_noise` is at the middle of the band; `noise_exponent` is that of its density.
     `shapes` carry the strength; `mixing` is L but for the length of its rows, which are scaled
     to 1 (a free length would be one with the strength): complex, lower triangular, of real
     diagonal.
@@ -40,6 +42,7 @@ class BandModes:
     shapes: Float[np.ndarray, "channel mode"]
     mixing: Complex[np.ndarray, "mode mode"]
     log_noise: Float[np.ndarray, " channel"]
+    noise_exponent: Float[np.ndarray, " channel"]
     guests: int = 0
     coherent: bool = True
 
@@ -73,7 +76,7 @@ class BandModes:
 
 
 def parameter_vector(modes: BandModes) -> Float[np.ndarray, " parameter"]:
-    """Parameters: ln f, ln zeta, parts of L, shapes by mode, ln noise.
+    """Parameters: ln f, ln zeta, parts of L, shapes by mode, ln noise, its exponents.
 
     Parameters
     ----------
@@ -93,6 +96,7 @@ def parameter_vector(modes: BandModes) -> Float[np.ndarray, " parameter"]:
             np.real(parts),
             modes.shapes[:, own].T.ravel(),
             modes.log_noise,
+            modes.noise_exponent,
         ]
     )
 
@@ -113,8 +117,8 @@ def modes_from_vector(vector: Float[np.ndarray, " parameter"], like: BandModes) 
     """
     number, channels = like.number, len(like.log_noise)
     free = like.free_mixing
-    sizes = [number, number, len(free), number * channels]
-    f, z, parts, shapes, noise = np.split(vector, np.cumsum(sizes))
+    sizes = [number, number, len(free), number * channels, channels]
+    f, z, parts, shapes, noise, exponent = np.split(vector, np.cumsum(sizes))
     frequency, damping = like.log_frequency.copy(), like.log_damping.copy()
     frequency[like.guests :], damping[like.guests :] = f, z
     mixing, all_shapes = like.mixing.copy(), like.shapes.copy()
@@ -129,6 +133,7 @@ def modes_from_vector(vector: Float[np.ndarray, " parameter"], like: BandModes) 
         shapes=all_shapes,
         mixing=mixing,
         log_noise=noise,
+        noise_exponent=exponent,
     )
 
 
@@ -154,7 +159,28 @@ def add_guests(start: BandModes, found: BandModes) -> BandModes:
         shapes=np.concatenate([start.shapes[:, :before], found.shapes], axis=1),
         mixing=np.eye(len(start.mixing), dtype=complex),
         log_noise=found.log_noise,
+        noise_exponent=found.noise_exponent,
     )
+
+
+def noise_density(
+    band: Band, modes: BandModes
+) -> tuple[Float[np.ndarray, "frequency channel"], Float[np.ndarray, " frequency"]]:
+    """Density of each channel's noise, and what its logarithm changes by with the exponent.
+
+    Parameters
+    ----------
+    band
+        Grouped Fourier coefficients of the band.
+    modes
+        Modes of the band.
+
+    Returns
+    -------
+    Density, and ln of frequency over the middle of the band.
+    """
+    away = np.log(band.frequency_hz / band.middle_hz)
+    return np.exp(modes.log_noise + away[:, None] * modes.noise_exponent), away
 
 
 def spectral_slopes(

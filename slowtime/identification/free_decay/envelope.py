@@ -64,6 +64,9 @@ PAUSED = 1.25
 up to its stop was on. Source: dry friction has 1.1."""
 DROPPED = 0.1
 """[1] Least level while a drive is on, over that at its end: between blows it is less."""
+DEEPER = 0.7
+"""[1] Level to which motion falls after a drive, over the least while it was on: a beat, which
+comes and goes as a drive does, only falls as far as it did before."""
 BLOCKS = 64
 """[1] Parts of a record whose levels are compared."""
 STEADY_TAIL = 1.1
@@ -77,6 +80,9 @@ judgement; ten cycles would be longer than strongly damped decays."""
 BEATS_SHARE = 2.5e-3
 """[1] Power of a line over that of the mode from which a beat with it imitates damping. Source:
 amplitudes vary by 5 %."""
+DISAGREE = 3.0
+"""[standard deviations] Root mean square of what one shape leaves of the channels, from which
+they do not move in one mode only."""
 WHOLE = 0.9
 """[cycles] Of a window from which an offset is fitted beside the mode."""
 RELEASED = 3.0
@@ -138,6 +144,10 @@ class _Flow:
     size: Complex[np.ndarray, " point"]
     sd: Points
     shape: Complex[np.ndarray, " channel"]
+    clear: Points
+    """Power of all channels by that shape, over that of their noise [1]."""
+    left: Points
+    """The same of what it leaves, for each degree of freedom; 1 by chance."""
 
 
 def decay_envelope(
@@ -186,16 +196,20 @@ def decay_envelope(
     shortest = max([1 / hz, *(APART / np.abs(clear - hz)), (6 + 8 * len(clear)) / rate_hz])
     if not len(clear):
         shortest = 1 / hz
+    beside = ""
+    if len(clear) and shortest > 1.5 / hz:
+        near = clear[np.argmin(np.abs(clear - hz))]
+        beside = f" (so long as to tell the mode from that at {near:.4g} Hz)"
     begins = max(shortest, len(moved) / rate_hz / 40)
     rough = _followed(moved, rate_hz, hz, clear, begins)
-    window, last = _window(rough, hz, shortest)
+    window, last = _window(rough, hz, shortest, begins, beside)
     moved = moved[: max(int(last * rate_hz), 2 * MIN_POINTS)]
     told = away * window > APART * (1 - 1e-6)  # `shortest` may be the window
     free = _told_apart(lines[told], strength[told], window)
     unresolved = ~told & (away * last > APART)
     beats = bool((unresolved & (strength > BEATS_SHARE)).any())
     flow = _followed(moved, rate_hz, hz, free, window)
-    return _envelope(flow, hz, begun / rate_hz + start_s, window, beats)
+    return _envelope(flow, hz, begun / rate_hz + start_s, window, beats, beside)
 
 
 def _release(scaled: Samples, rate_hz: float, near_hz: float | None) -> int:
@@ -222,7 +236,8 @@ def _release(scaled: Samples, rate_hz: float, near_hz: float | None) -> int:
             continue
         if last[k + 1] == len(level) - 1:
             break  # what follows is not seen to fall
-        if level[max(last[k - 1], largest) : last[k]].min() > DROPPED * levels[k - 1]:
+        least = level[max(last[k - 1], largest) : last[k]].min()
+        if least > DROPPED * levels[k - 1] and level[last[k] :].min() < DEEPER * least:
             begun = last[k] + int(np.argmax(power[last[k] : last[k] + size]))
     after = last[2] - last[1]
     if begun == largest and last[2] < len(level) - 1 and last[1] - largest > PAUSED * after:
@@ -232,10 +247,12 @@ def _release(scaled: Samples, rate_hz: float, near_hz: float | None) -> int:
     return begun
 
 
-def _too_few(count: int) -> str:
+def _too_few(count: int, cycles: float = 0.0, beside: str = "") -> str:
+    windows = f"{count} half-overlapping windows"
+    windows += f" of {cycles:.3g} cycles{beside}" if cycles else ""
     return (
-        f"There are {count} half cycles above the noise, fewer than {MIN_POINTS}: too few "
-        "for a law of damping. Give a longer decay, or a stronger one."
+        f"There are {windows} above the noise, fewer than {MIN_POINTS}: too few for a law of "
+        "damping. Give a longer decay, or a stronger one."
     )
 
 
@@ -273,6 +290,13 @@ def _lines(
         (0.0, rate_hz) if near_hz is None else (near_hz / 1.2, near_hz * 1.2)
     )
     power[: 3 * length // count] = 0.0
+    if high * count < 3 * rate_hz:
+        raise ValueError(
+            f"From the largest motion on, or from where a drive stops, the record has "
+            f"{count / rate_hz:.3g} s, fewer than 3 cycles up to {high:.4g} Hz: too few for a "
+            "law of damping. Where two modes beat, a late beat may be the largest motion. Give "
+            "a longer record, or cut it off before that."
+        )
     inside = (frequency >= low) & (frequency <= high)
     if not inside.any() or not power[inside].any():
         raise ValueError(
@@ -316,14 +340,16 @@ def _told_apart(
     return np.array(sorted(kept))
 
 
-def _window(flow: _Flow, hz: float, shortest: float) -> tuple[float, float]:
-    """Length of a window, and end of the decay, by a rough flow [s]."""
+def _window(
+    flow: _Flow, hz: float, shortest: float, begins: float, beside: str
+) -> tuple[float, float]:
+    """Length of a window, and end of the decay, by a rough flow of windows `begins` [s]."""
     size = np.abs(flow.size)
     first = _first(size, flow.sd)
     low = np.flatnonzero(size[first:] < FLOOR * flow.sd[first:])
     count = first + (int(low[0]) if len(low) else len(size) - first)
     if count - first < 3:
-        raise ValueError(_too_few(count - first))
+        raise ValueError(_too_few(count - first, begins * hz, beside))
     span = float(flow.times[count - 1] - flow.times[first])
     fall = float(np.log(size[first] / max(float(size[first:count].min()), 1e-300)))
     fall = max(fall, 1e-9)
@@ -396,10 +422,10 @@ def _joined(times: Points, amplitudes: np.ndarray, variances: np.ndarray) -> _Fl
     weight = np.abs(shape / noise) ** 2
     size = (amplitudes * shape.conj() / noise**2).sum(axis=1) / weight.sum()
     of_window = np.sqrt((variances * weight / noise**2).sum(axis=1) * 1.0) / weight.sum()
-    left = np.abs(amplitudes - size[:, None] * shape) ** 2 / noise**2
-    channels = amplitudes.shape[1]
-    excess = np.sqrt(left.sum(axis=1) / (2 * (channels - 1))) if channels > 1 else 0.0
-    return _Flow(times, size, of_window * np.maximum(excess, 1.0), shape)
+    others = np.abs(amplitudes - size[:, None] * shape) ** 2 / noise**2
+    left = others.sum(axis=1) / (2 * max(amplitudes.shape[1] - 1, 1))
+    clear = np.abs(size) ** 2 * weight.sum()
+    return _Flow(times, size, of_window * np.maximum(np.sqrt(left), 1.0), shape, clear, left)
 
 
 def _poles(flow: _Flow, hz: float) -> np.ndarray:
@@ -418,7 +444,9 @@ def _poles(flow: _Flow, hz: float) -> np.ndarray:
     return np.asarray(-fall + 1j * omega)
 
 
-def _envelope(flow: _Flow, hz: float, start_s: float, window: float, beats: bool) -> Envelope:
+def _envelope(
+    flow: _Flow, hz: float, start_s: float, window: float, beats: bool, beside: str
+) -> Envelope:
     """Cut the flow where the decay ends, and state frequencies and errors."""
     size = np.abs(flow.size)
     turned = np.unwrap(np.angle(flow.size) - 2 * np.pi * hz * (flow.times - flow.times[0]))
@@ -426,7 +454,7 @@ def _envelope(flow: _Flow, hz: float, start_s: float, window: float, beats: bool
     first = _first(size, flow.sd)
     count = _count(size[first:], flow.sd[first:], phase[first:])
     if count < MIN_POINTS:
-        raise ValueError(_too_few(count))
+        raise ValueError(_too_few(count, window * hz, beside))
     kept = slice(first, first + count)
     size, sd, phase, times = size[kept], flow.sd[kept], phase[kept], flow.times[kept]
     told = sd / size
@@ -443,8 +471,16 @@ def _envelope(flow: _Flow, hz: float, start_s: float, window: float, beats: bool
         frequency_sd_hz=frequency_sd,
         channel=int(np.argmax(np.abs(flow.shape))),
         overlap=max(window / step, 1.0),
-        beats=beats,
+        beats=beats or _disagree(flow.clear[kept], flow.left[kept]),
     )
+
+
+def _disagree(clear: Points, left: Points) -> bool:
+    """Whether the ratios of channels change along a decay: two modes are taken for one.
+
+    Their beat then imitates damping, too slowly for another line to be seen.
+    """
+    return bool(left.mean() > DISAGREE**2 and left.sum() > BEATS_SHARE * clear.sum())
 
 
 def _first(size: Points, sd: Points) -> int:

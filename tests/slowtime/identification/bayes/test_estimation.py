@@ -164,6 +164,7 @@ def pair(coherence):
         shapes=shapes,
         mixing=root,
         log_noise=np.log([1e-3, 1e-3, 2e-3]),
+        noise_exponent=np.zeros(3),
     )
 
 

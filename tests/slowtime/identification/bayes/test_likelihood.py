@@ -30,6 +30,7 @@ def start(*, own=2, guests=1, channels=3, seed=1):
         shapes=rng.standard_normal((channels, count)),
         mixing=root,
         log_noise=np.log(0.01 * (1 + np.arange(channels))),
+        noise_exponent=np.linspace(-2.0, 4.0, channels),
         guests=guests,
     )
 
@@ -65,7 +66,9 @@ def spectral_matrices(vector, modes, data):
     here = modes_from_vector(vector, modes)
     crossed = cross_periodograms(data, here.log_frequency, here.log_damping)
     rung = np.einsum("ci,ij,kij,dj->kcd", here.shapes, here.coherence, crossed, here.shapes)
-    whole = rung + np.diag(np.exp(here.log_noise))
+    middle = np.sqrt(data.frequency_hz[0] * data.frequency_hz[-1])
+    slope = (data.frequency_hz[:, None] / middle) ** here.noise_exponent
+    whole = rung + np.eye(len(here.log_noise)) * (np.exp(here.log_noise) * slope)[:, None]
     return whole if data.background is None else whole + data.background
 
 
@@ -73,8 +76,10 @@ def log_prior_by_definition(here, modes):
     own = slice(max(modes.guests, 1), None)
     length = np.linalg.norm(here.mixing[own], axis=1)
     noise = (here.log_noise - modes.log_noise) / likelihood.NOISE_PRIOR_SD
+    exponent = here.noise_exponent / likelihood.NOISE_EXPONENT_SD
     coherent = likelihood.OWN_FORCES * np.linalg.slogdet(here.coherence)[1]
-    return coherent - 0.5 * np.sum((length - 1.0) ** 2) - 0.5 * np.sum(noise**2)
+    squares = np.sum((length - 1.0) ** 2) + np.sum(noise**2) + np.sum(exponent**2)
+    return coherent - 0.5 * squares
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -129,10 +134,12 @@ def test_the_information_is_that_of_dense_matrices(case, background):
     _, found = gradient_and_information(data, at, modes)
     of_prior = found - expected
     mixed = slice(2 * modes.number, 2 * modes.number + len(modes.free_mixing))
-    noise = slice(-len(modes.log_noise), None)
+    channels = len(modes.log_noise)
+    last = np.arange(len(at))[-2 * channels :]
+    prior_sd = [likelihood.NOISE_PRIOR_SD, likelihood.NOISE_EXPONENT_SD]
     only = np.zeros_like(found)
     only[mixed, mixed] = of_prior[mixed, mixed]
-    only[noise, noise] = np.eye(len(modes.log_noise)) / likelihood.NOISE_PRIOR_SD**2
+    only[last, last] = np.repeat(prior_sd, channels) ** -2.0
     scale = np.sqrt(np.outer(np.diag(found), np.diag(found)))
     np.testing.assert_allclose(of_prior / scale, only / scale, atol=2e-6)
     assert (np.linalg.eigvalsh(only[mixed, mixed]) > 0).all()
