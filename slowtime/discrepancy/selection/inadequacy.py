@@ -57,8 +57,11 @@ def law_probability(found: Hypothesis) -> float:
 
     Returns
     -------
-    1 where what is left is near the noise, white, or hardly any of the gap.
+    1 where what is left is near the noise, white, or hardly any of the gap; and where the last
+    effect follows no law, so that no free run can leave less.
     """
+    if found.final:
+        return 1.0
     last = found.last
     if last.chi2_in_band < LIMITS.far_off_chi2 or chi2_p_value(last) > LIMITS.coloured_p_value:
         return 1.0

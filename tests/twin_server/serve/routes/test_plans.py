@@ -87,7 +87,7 @@ def test_lead_time_months_and_accepted_probability_can_be_asked_for(planned):
     later = planned.get(f"{TWIN}/plan", **(asked | {"lead_time": 5})).json()["last_order"]
     assert later["order"]["ahead"] == pytest.approx(last.order.ahead + 10.0)
     with Client(planned.url) as client:
-        typed = client.plan("lab.beam", **asked).last_order
+        typed = client.plan("lab.beam", lead_time=15.0, accepted=0.05).last_order
         assert typed is not None
         assert typed.sentence == last.sentence
     refused = planned.get(f"{TWIN}/plan", months="5-13")
