@@ -182,7 +182,8 @@ def test_every_help_is_told_and_every_missing_file_refused_by_name():
 
 @pytest.mark.parametrize(("path", "command"), WORKS, ids=[" ".join(path) for path, _ in WORKS])
 def test_the_work_of_a_verb_takes_the_arguments_that_it_declares(path, command):
-    given: dict[Any, Any] = {parameter.name: None for parameter in command.params}
+    handed_on = [one for one in command.params if one.expose_value]
+    given: dict[Any, Any] = {parameter.name: None for parameter in handed_on}
     inspect.signature(command.callback).bind(**given)
     work = command.load()
     of_record = {"record_path", *(field.name for field in dataclasses.fields(ReadingFlags))}

@@ -1,9 +1,10 @@
 """Words of a first page in each language, and numbers as its readers write them."""
 
 import functools
-import json
 from pathlib import Path
 from typing import Any
+
+from slowtime_services.documents.document_files import read_json_file
 
 FOLDER = Path(__file__).parent / "messages"
 LANGUAGES = ("en", "de")
@@ -59,7 +60,5 @@ class Words:
 
 @functools.cache
 def _catalogue(language: str) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads(
-        (FOLDER / f"{language}.json").read_text(encoding="utf-8")
-    )
+    found: dict[str, Any] = read_json_file(FOLDER / f"{language}.json")
     return found

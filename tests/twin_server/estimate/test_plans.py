@@ -2,6 +2,7 @@
 
 import dataclasses
 import datetime
+from typing import Any
 
 import numpy as np
 import pytest
@@ -77,8 +78,9 @@ def order_of(decision, *, since="2026-08-20T00:00:00+00:00", pace=86400.0):
     given = {"failure": {"quantity": "stiffness_change", "below": -0.3}, "horizon": 800.0}
     moment = datetime.datetime.fromisoformat(since).timestamp()
     costs = CostTable(time_unit="d", failure=9.0, repair=1.0)
+    laws: Any = Now()
     return PlanOrder(
-        costs, Deciding.model_validate(given | decision), Now(), 0.0, 0.01, 1.0, pace, 50.0,
+        costs, Deciding.model_validate(given | decision), laws, 0.0, 0.01, 1.0, pace, 50.0,
         since_ns=None if pace is None else int(moment * 1e9),
     )  # fmt: skip
 
