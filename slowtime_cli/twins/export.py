@@ -1,12 +1,13 @@
 """The verb `export`: writes the history of a twin, or a record, for other programs."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import click
 
 from slowtime_cli.shared.terminal import removed_unless_finished
 
+GraphForm = Literal["json-ld", "dtdl-2", "dtdl-3"]
 FLAGS = ("asset", "site", "start", "end", "dtdl")
 """What is said of a twin's history, and not of a record."""
 SQLITE = b"SQLite format 3\0"
@@ -44,7 +45,9 @@ def _export_twin(
     source: Path | None, server: str | None, which: dict[str, Any], kind: str, out: Path
 ) -> None:
     version = which.pop("dtdl")
-    graph = "json-ld" if kind == "jsonld" else "dtdl-2" if version == "2" else "dtdl-3"
+    graph: GraphForm = (
+        "json-ld" if kind == "jsonld" else "dtdl-2" if version == "2" else "dtdl-3"
+    )
     with removed_unless_finished(out):
         if server is not None:
             from .export_server import export_server

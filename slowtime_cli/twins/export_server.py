@@ -8,8 +8,6 @@ import click
 
 from slowtime_services.client import AnswerError, Client, UnreachableError
 
-GraphForm = Literal["json-ld", "dtdl-2", "dtdl-3"]
-
 
 def export_server(
     server: str,
@@ -20,7 +18,7 @@ def export_server(
     start: str | None,
     end: str | None,
     out: Path,
-    graph_form: GraphForm,
+    graph_form: Literal["json-ld", "dtdl-2", "dtdl-3"],
 ) -> None:
     """Let a server write the history of a twin as CSV or Parquet, or a graph of its twins."""
     try:

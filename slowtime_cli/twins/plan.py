@@ -30,7 +30,6 @@ def plan(
     **twin: Any,
 ) -> None:
     """Recommend an action for a twin, or where a fleet's teams should go."""
-    terms = {"lead_time": lead_time, "months": months, "accepted": accepted}
     asked = TwinQuery(**twin)
     if fleet:
         query = {"teams": teams, "visits": visits, "window_d": window_d, "budget": budget}
@@ -40,6 +39,7 @@ def plan(
             note(f"{one['id']}: {one['reason']}")
         return
     if asked.server is not None:
+        terms = {"lead_time": lead_time, "months": months, "accepted": accepted}
         body = ask_server(asked, "GET", "plan", query=terms)
     else:
         from twin_server.registration.costs import RepairTerms
@@ -49,7 +49,7 @@ def plan(
         with twin_of_file(asked) as (knowledge, twin_id, registration), problems_told():
             _refuse_calendar(asked.source, registration)
             try:
-                body = knowledge.plan(twin_id, terms=RepairTerms(**terms))
+                body = knowledge.plan(twin_id, terms=RepairTerms(lead_time, months, accepted))
             except ValueError as error:
                 raise click.UsageError(str(error)) from error
     _tell(body, out, _show_plan)

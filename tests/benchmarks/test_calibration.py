@@ -50,7 +50,7 @@ def test_probabilities_that_follow_evidence_do_not_flicker_and_others_do():
     """Draws from an urn: the posterior of what it holds is a martingale."""
     rng = np.random.default_rng(2)
     honest, restless = [], []
-    fixed = {"honest": [], "restless": []}
+    fixed: dict[str, list[float]] = {"honest": [], "restless": []}
     for _ in range(4000):
         truth = rng.random() < 0.5
         odds, told = 0.0, []

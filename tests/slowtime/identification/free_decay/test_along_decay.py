@@ -56,7 +56,7 @@ LAWS = {
 }  # fmt: skip
 
 
-def compare(series, rate, hz, skip=0.0, cycles=3.0, least_share=0.9):
+def compare(series, rate, hz, skip=0.0, cycles=3.0, *, least_share=0.9):
     """Compare the course of damping and frequency with the piecewise fit."""
     of = compared(series, rate, hz, skip, cycles)
     zeta = of["damping by SciPy"]

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from slowtime.evolution.forecasting import verification
 from twin_server.estimate.forecast.statements import KEPT, is_due
 from twin_server.persist import SqliteStore
 from twin_server.pipeline import Pipeline, TwinKnowledge
@@ -116,11 +117,8 @@ def test_scores_count_what_later_readings_show(opened, ageing, sample):
 def test_a_twin_that_was_too_sure_widens_all_that_it_tells_and_says_so(
     opened, ageing, sample, monkeypatch
 ):
-    from slowtime.evolution.forecasting.verification import Widening
-    from twin_server.estimate.forecast import statements
-
     monkeypatch.setattr(
-        statements.verification, "widening_of", lambda *_: Widening(1.6, 0.97, 4.0)
+        verification, "widening_of", lambda *_: verification.Widening(1.6, 0.97, 4.0)
     )
     knowledge, pipeline, store = opened()
     pipeline.ingest([sample(message) for message in ageing(60, loss=0.168)])
@@ -157,6 +155,7 @@ def test_a_rewritten_history_states_anew_and_no_more_than_some_are_kept(opened, 
     assert len(stated(store)) == sum(is_due(n) for n in range(40))
     keys = keys_of(store.history(TWIN))
     assert [row.id for row in store.outlooks(TWIN)] == [k for k in keys if is_due(k & 0xFFFF)]
+    assert BEAM.nominal is not None
     changed = BEAM.model_copy(
         update={"nominal": BEAM.nominal.model_copy(update={"damping_ratio": 0.03})}
     )
