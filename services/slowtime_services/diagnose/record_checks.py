@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from jaxtyping import Float
 
+from slowtime.discrepancy.calibration.prior import prior_of
 from slowtime.discrepancy.imposed_motion.records import clock_errors, is_imposed, rig_of
 from slowtime.discrepancy.records import MIN_SAMPLES, Campaign, Trial
 from slowtime.dynamics.description import Description, assemble
@@ -37,9 +38,34 @@ millionths of a second."""
 BETTER_CLOCK = 0.8
 """Error with the clock as read over that with any other [1] up to which it is the better one.
 Source: judgement; motion far below resonance gives about 0.1."""
+STACKS = 40
+"""[1] Matrices over states and states, one for each constant that may be off, that a fit holds
+at once. Source: 21 GB of 200 coordinates and 400 constants."""
+MOST_BYTES = 8 * 2**30
+"""[bytes] Of these. Source: half of what a machine with 16 GB has."""
 ANYWAY = "If this is correct, skip this check with --unchecked."
 
 Sizes = Float[np.ndarray, " sensor"]
+
+
+def refuse_large_models(model: Description, kinds: Mapping[str, Kind] | None = None) -> None:
+    """Refuse a model whose fits would take more memory than machines have.
+
+    Raises
+    ------
+    RecordError
+        Saying how much that would be, and what to do.
+    """
+    constants = len(prior_of(Plant.of(model, kinds=kinds)).names)
+    coordinates = len(model.dofs)
+    size = STACKS * (1 + constants) * (2 * coordinates) ** 2 * 8
+    if size > MOST_BYTES:
+        raise RecordError(
+            f"A model of {coordinates} coordinates of which {constants} constants may be off "
+            f"takes about {size / 2**30:.0f} GB to fit; at most {MOST_BYTES / 2**30:.0f} GB "
+            "are allowed. Reduce it with `slowtime reduce`, join nodes, or state a tolerance of 0 "
+            "for constants that are known."
+        )
 
 
 def refuse_nonsense(

@@ -20,7 +20,7 @@ from .channel_roles import Roles
 from .compile_ahead import compile_ahead
 from .compile_time import compiling_s
 from .document import document_of
-from .record_checks import refuse_nonsense
+from .record_checks import refuse_large_models, refuse_nonsense
 from .sources import Source
 
 PATIENCE_S = 70.0
@@ -102,6 +102,8 @@ def diagnose_records(
         return time.thread_time() - compiling_s() - spent > LAST_STOP * allowed_s
 
     given = gather(description, records, holdout, roles)
+    if any(trial.inputs.shape[1] for trial in given.campaign.trials):
+        refuse_large_models(given.campaign.description, kinds)
     workers = ForkedWorkers(jobs) if jobs > 1 and can_fork() else None
     if workers is not None:
         compile_ahead(workers)
