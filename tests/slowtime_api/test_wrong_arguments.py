@@ -264,7 +264,7 @@ except ImportError as error:
         ({"near_hz": -1.0}, ValueError, "near_hz=-1 was given. Give more than 0"),
         ({"near_hz": "low"}, TypeError, "near_hz='low' was given. Give one number"),
         ({"band_hz": 3.0}, TypeError, "Give two numbers"),
-        ({"band_hz": (20.0, 24.0)}, ValueError, "half cycles|No motion"),
+        ({"band_hz": (20.0, 24.0)}, ValueError, "half-overlapping windows|No motion"),
         ({"start_s": 40.0}, ValueError, "Give seconds from 0 to 30"),
     ],
 )

@@ -63,8 +63,8 @@ def refuse_large_models(model: Description, kinds: Mapping[str, Kind] | None = N
         raise RecordError(
             f"A model of {coordinates} coordinates of which {constants} constants may be off "
             f"takes about {size / 2**30:.0f} GB to fit; at most {MOST_BYTES / 2**30:.0f} GB "
-            "are allowed. Reduce it with `slowtime reduce`, join nodes, or state a tolerance of 0 "
-            "for constants that are known."
+            "are allowed. Reduce it with `slowtime reduce`, join nodes, or state a tolerance "
+            "of 0 for constants that are known."
         )
 
 

@@ -10,6 +10,9 @@ MOST_CHARACTERS = 4000
 MOST_LEVELS = 60
 """Operations within each other at most [1]; trees are walked by recursion."""
 
+MOST_TERMS = 1000
+"""Terms of a sum at most [1], as many as `min` and `max` take."""
+
 
 class FormulaError(ValueError):
     """A text that is no formula; the text says why, and not what is allowed."""
@@ -58,6 +61,11 @@ def _in_pairs(tree: ast.expr) -> ast.expr:
     while isinstance(tree, ast.BinOp) and isinstance(tree.op, ast.Add | ast.Sub):
         (added if isinstance(tree.op, ast.Add) else taken).append(tree.right)
         tree = tree.left
+    terms = 1 + len(added) + len(taken)
+    if terms > MOST_TERMS:
+        raise FormulaError(
+            f"A formula adds {terms:,} terms, which are too many. Allowed: {MOST_TERMS:,}."
+        )
     total = _total([tree, *reversed(added)])
     return ast.BinOp(total, ast.Sub(), _total(taken[::-1])) if taken else total
 

@@ -147,7 +147,7 @@ def test_a_run_that_is_in_phase_is_fitted_to_whole_records_at_once(closed, monke
         lengths.append([len(part.outputs) for part in parts])
         return found.fit
 
-    monkeypatch.setattr(fitting, "refit", recorded)
+    monkeypatch.setattr(fitting, "try_refit", recorded)
     given = stages_from(found, trials[:2], lambda: False)
     assert given == (found.fit, True)
     assert lengths == [[len(trial.outputs) for trial in trials[:2]]]
@@ -162,7 +162,7 @@ def test_a_budget_that_ends_midway_leaves_what_is_best_over_whole_records(closed
         begun.append(values)
         return worse if free else found.fit
 
-    monkeypatch.setattr(fitting, "refit", recorded)
+    monkeypatch.setattr(fitting, "try_refit", recorded)
     monkeypatch.setattr(fitting, "MAX_LEFT", 0.0)  # no run is in phase
     given = stages_from(found, trials[:2], lambda: True)
     assert given == (found.fit, False)

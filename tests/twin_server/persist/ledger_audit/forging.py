@@ -132,7 +132,9 @@ def _write_turn(store, turn, *, behind=False):
             [FatigueRow(twin, "b1", hour, turn, t_ns, b"%d" % turn) for hour in (0, turn + 1)]
         )
         for k in range(2):
-            store.add_outlook(OutlookRow(twin, number << 40 | 2 * turn + k, 1.0, "{}"), 8)
+            store.add_outlook(
+                OutlookRow(twin, number << 40 | 2 * turn + k, 2.0 * turn + k, "{}"), 8
+            )
 
 
 def _delivery(name, twin, t_ns, state, tries):
