@@ -55,7 +55,10 @@ def diagnosis_page(diagnosis: Diagnosis, document: DiagnosisFile, words: Words) 
         ),
         facts=list(_facts(diagnosis, document, words)),
         sketch=sketch_of(
-            diagnosis.nominal, [e.where.id for e in document.effects], words("ground")
+            diagnosis.nominal,
+            diagnosis.augmented,
+            [e.where.id for e in document.effects],
+            words("ground"),
         ),
         place=", ".join(dict.fromkeys(places)),
     )
@@ -155,8 +158,12 @@ def _facts(
         yield words("facts.duration"), f"{words.number(total, 4)} s"
 
 
-def sketch_of(model: Description, marked: Sequence[str], ground: str) -> Sketch | None:
+def sketch_of(
+    model: Description, augmented: Description, marked: Sequence[str], ground: str
+) -> Sketch | None:
     """Sketch a model: each node as far to the right as joints lie between it and the base.
+
+    Elements that a diagnosis has added are drawn as well, and do not move the nodes.
 
     Returns
     -------
@@ -165,7 +172,10 @@ def sketch_of(model: Description, marked: Sequence[str], ground: str) -> Sketch 
     names = [node.id for node in model.nodes]
     if len(names) > MOST_POINTS:
         return None
-    joints = [(e.id, e.between[0], e.between[1]) for e in model.elements if len(e.between) == 2]
+    joints, every = (
+        [(e.id, e.between[0], e.between[1]) for e in one.elements if len(e.between) == 2]
+        for one in (model, augmented)
+    )
     depth = {BASE: 0}
     found = [BASE] if any(BASE in joint for joint in joints) else []
     if not found and names:
@@ -184,7 +194,7 @@ def sketch_of(model: Description, marked: Sequence[str], ground: str) -> Sketch 
         level = row[depth[name]] = row.get(depth[name], -1) + 1
         points.append((ground if name == BASE else name, float(depth[name]), 0.6 * level))
     shown = {BASE: ground}
-    lines = [(e, shown.get(a, a), shown.get(b, b)) for e, a, b in joints]
+    lines = [(e, shown.get(a, a), shown.get(b, b)) for e, a, b in every]
     return Sketch(points, lines, tuple(ground if m == BASE else m for m in marked))
 
 

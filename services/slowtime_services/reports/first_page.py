@@ -9,7 +9,7 @@ import datetime
 import html
 import importlib.metadata
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Literal
 
 from .words import Words
@@ -232,6 +232,18 @@ MOST_NAMES = 14
 """Points of a sketch that are all named [1]; of more, only those marked."""
 
 
+ARCH = 34.0
+"""[CSS px] By which a line is arched that would run through points between its ends. Source:
+the height of a name and of the line that it stands on."""
+
+
+def _passes(points: Mapping[str, tuple[float, float]], first: str, last: str) -> bool:
+    """Whether a level line between two points runs through another."""
+    (x1, y1), (x2, y2) = points[first], points[last]
+    low, high = min(x1, x2), max(x1, x2)
+    return y1 == y2 and any(y == y1 and low < x < high for x, y in points.values())
+
+
 def _sketch(page: FirstPage, words: Words) -> str:
     """Draw the structure as SVG, the places of the answer strongly."""
     sketch = page.sketch
@@ -241,7 +253,9 @@ def _sketch(page: FirstPage, words: Words) -> str:
     ys = [y for _, _, y in sketch.points]
     across, up = max(xs) - min(xs), max(ys) - min(ys)
     scale = min((SIDE - 2 * MARGIN) / max(across, 1e-12), TALL / max(up, 1e-12))
-    height = up * scale + 2 * MARGIN
+    flat = {name: (x, y) for name, x, y in sketch.points}
+    arched = {name for name, first, last in sketch.lines if _passes(flat, first, last)}
+    height = up * scale + 2 * MARGIN + (ARCH if arched else 0.0)
     left = 0.5 * (SIDE - across * scale)
     at = {
         name: (left + (x - min(xs)) * scale, height - MARGIN - (y - min(ys)) * scale)
@@ -251,10 +265,13 @@ def _sketch(page: FirstPage, words: Words) -> str:
     for name, first, last in sketch.lines:
         (x1, y1), (x2, y2) = at[first], at[last]
         strong = ' class="strong"' if name in sketch.marked else ""
-        drawn.append(f'<line x1="{x1:.1f}" y1="{y1:.1f}" x2="{x2:.1f}" y2="{y2:.1f}"{strong}/>')
+        # A quadratic curve rises half as far as its middle point.
+        rise = 2 * ARCH if name in arched else 0.0
+        middle = f"{(x1 + x2) / 2:.1f} {(y1 + y2) / 2 - rise:.1f}"
+        drawn.append(f'<path d="M{x1:.1f} {y1:.1f} Q{middle} {x2:.1f} {y2:.1f}"{strong}/>')
         if name in sketch.marked or len(sketch.lines) <= MOST_NAMES:
             drawn.append(
-                f'<text x="{(x1 + x2) / 2:.1f}" y="{(y1 + y2) / 2 - 8:.1f}"{strong}>'
+                f'<text x="{(x1 + x2) / 2:.1f}" y="{(y1 + y2 - rise) / 2 - 8:.1f}"{strong}>'
                 f"{_escaped(name)}</text>"
             )
     for name, (x, y) in at.items():

@@ -1,5 +1,6 @@
 """Every kind of report has the same first page, in both languages, on paper and on a phone."""
 
+import dataclasses
 import html
 import json
 import re
@@ -8,6 +9,8 @@ import subprocess
 
 import pytest
 
+from slowtime.dynamics.description import Description, Node, Spring
+from slowtime_services.diagnose.first_pages import sketch_of
 from slowtime_services.reports import (
     LANGUAGES,
     FirstPage,
@@ -195,3 +198,26 @@ def test_on_a_phone_nothing_is_wider_than_the_screen(tmp_path, browser, kind):
     page.locator(".chart .main-svg").first.wait_for(timeout=300_000)
     assert page.evaluate("document.documentElement.scrollWidth") <= 400
     page.close()
+
+
+def test_a_connection_that_was_found_is_arched_over_the_points_between_its_ends():
+    nodes = tuple(Node(id=name, mass_kg=1.0) for name in ("f1", "f2"))
+    chain = tuple(
+        Spring(id=name, between=ends, stiffness_n_per_m=1e3)
+        for name, ends in {"s1": ("base", "f1"), "s2": ("f1", "f2")}.items()
+    )
+    given = Description(name="rig", nodes=nodes, elements=chain)
+    link = Spring(id="base-f2", between=("base", "f2"))
+    found = dataclasses.replace(given, elements=(*chain, link))
+    sketch = sketch_of(given, found, ["base-f2"], "ground")
+    assert sketch is not None
+    assert [point[:2] for point in sketch.points] == [("ground", 0.0), ("f1", 1.0), ("f2", 2.0)]
+    page = FirstPage(
+        kind="diagnosis", subject="rig", question="?", answer="!",
+        confidence=Confidence("high", ""), actions=(), sketch=sketch,
+    )  # fmt: skip
+    path = r'<path d="M[\d.]+ ([\d.]+) Q[\d.]+ ([\d.]+) [\d. ]+"( class="strong")?'
+    drawn = re.findall(path, first_page(page, Words(), ""))
+    assert [(float(end) > float(middle), bool(strong)) for end, middle, strong in drawn] == [
+        (False, False), (False, False), (True, True),
+    ]  # fmt: skip
