@@ -28,6 +28,7 @@ VIEWER = Path(__file__).parent / "wireframe.js"
 PLOTLY = Path(plotly.__file__).parent / "package_data" / "plotly.min.js"
 
 _SECTION = re.compile(r"<section>\n<h2[^>]*>(.*?)</h2>\n(.*?)\n</section>", re.DOTALL)
+_NUMBER = re.compile(r"[-+−]?\d[\d.,]*(e[-+−]?\d+)?")
 _CHART = re.compile(
     r'<div class="chart" role="img" aria-label="([^"]*)">'
     r'<script type="application/json">([^<]*)</script></div>'
@@ -227,15 +228,18 @@ def _table(table: Table, words: Words) -> str:
         f'<th scope="col">{html.escape(words.heading(cell) or cell)}</th>'
         for cell in table.headings
     )
-    rows = "\n".join(
-        "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>"
-        for row in table.rows
-    )
+    rows = "\n".join("<tr>" + "".join(map(_cell, row)) + "</tr>" for row in table.rows)
     caption = f"<caption>{html.escape(table.caption)}</caption>" if table.caption else ""
     return (
         f'<div class="wide"><table>{caption}<thead><tr>{head}</tr></thead>'
         f"<tbody>{rows}</tbody></table></div>"
     )
+
+
+def _cell(text: str) -> str:
+    """Write a cell; a number is not broken at its sign."""
+    whole = ' class="number"' if _NUMBER.fullmatch(text) else ""
+    return f"<td{whole}>{html.escape(text)}</td>"
 
 
 def _chart(chart: Chart) -> str:
