@@ -62,7 +62,7 @@ def test_the_first_frequency_is_right_on_every_dwell_however_windows_fall(
 ):
     seen = 0
     for start, end, truth, inside in rows(
-        data / "moving_roller" / trial, window_s, None, offset
+        data / "moving_roller" / trial, window_s, window_s / 4, offset
     ):
         assert inside, f"no window in the dwell from {start} s to {end} s"
         for epoch in inside:
