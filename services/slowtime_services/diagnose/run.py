@@ -101,9 +101,9 @@ def diagnose_records(
     def is_last_stop() -> bool:
         return time.thread_time() - compiling_s() - spent > LAST_STOP * allowed_s
 
+    if description.inputs:
+        refuse_large_models(description, kinds)
     given = gather(description, records, holdout, roles)
-    if any(trial.inputs.shape[1] for trial in given.campaign.trials):
-        refuse_large_models(given.campaign.description, kinds)
     workers = ForkedWorkers(jobs) if jobs > 1 and can_fork() else None
     if workers is not None:
         compile_ahead(workers)
