@@ -99,6 +99,8 @@ class Publisher:
         self._sequences: Counter[str] = Counter()
         self._lock = threading.Lock()
         """Of sequences, which messages of several threads take."""
+        self._beating = threading.Lock()
+        """Of heartbeats, whose numbers leave in order whichever thread sends them."""
         self._last_features = -1
         self._acknowledged = -1
         self._agreement = DigestCheck()
@@ -174,6 +176,10 @@ class Publisher:
 
     def health(self) -> None:
         """Publish health, with the last sequence of the account."""
+        with self._beating:
+            self._beat()
+
+    def _beat(self) -> None:
         held = {entry.boot: entry for entry in self._spool.held()}.get(self.origin.boot)
         if self._spool.damaged:
             self.put("spool_damaged", self._spool.damaged)
