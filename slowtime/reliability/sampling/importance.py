@@ -81,9 +81,9 @@ LEAST_TAUGHT = 10
 third."""
 
 MISSED = 3.0
-"""Times the variance that the chains may see and the weights do not [1]: their own scatter on
-mixtures that cover all failures, over the problems of the tests, stays below. Source:
-`tests/slowtime/reliability/coverage.py`."""
+"""[1] Variance that chains see over that which the weights see, beyond which the interval is
+doubted. Source: on mixtures that cover all failures the scatter of chains stays below
+(`tests/slowtime/reliability/coverage.py`)."""
 
 REACH = 36.0
 """Distance from the origin from which a design point is left out: the probability beyond it,
@@ -148,9 +148,7 @@ class Sample:
         """Divide the standard normal density by that of the mixture."""
         if not len(self.u):
             return np.empty(0)
-        with np.errstate(divide="ignore"):
-            share = np.log(self.drawn / self.drawn.sum())
-        return np.asarray(np.exp(-np.logaddexp.reduce(share + self.log_ratios, axis=1)))
+        return self._ratios(self.log_ratios)
 
     def ratios_at(self, other: "Sample", which: np.ndarray) -> Float[np.ndarray, " sample"]:
         """Ratios of the standard normal density to this mixture at points of another sample.
@@ -166,9 +164,7 @@ class Sample:
         -------
         Ratios [1].
         """
-        with np.errstate(divide="ignore"):
-            share = np.log(self.drawn / self.drawn.sum())
-        return np.asarray(np.exp(-np.logaddexp.reduce(share + other.log_ratios[which], axis=1)))
+        return self._ratios(other.log_ratios[which])
 
     def reached(self, points: Sequence[DesignPoint]) -> Bool[np.ndarray, " sample"]:
         """Which points a design point explains, or a tail that begins where chains ended."""
@@ -189,10 +185,12 @@ class Sample:
 
     def ratios_of(self, u: Float[np.ndarray, "point input"]) -> Float[np.ndarray, " point"]:
         """Divide the standard normal density by that of the mixture, at any points."""
+        return self._ratios(_log_ratios(self.components, u))
+
+    def _ratios(self, log_ratios: Float[np.ndarray, "point component"]) -> np.ndarray:
         with np.errstate(divide="ignore"):
             share = np.log(self.drawn / self.drawn.sum())
-        logs = _log_ratios(self.components, u)
-        return np.asarray(np.exp(-np.logaddexp.reduce(share + logs, axis=1)))
+        return np.asarray(np.exp(-np.logaddexp.reduce(share + log_ratios, axis=1)))
 
     def weights(self) -> Float[np.ndarray, " sample"]:
         """Contribution of each point to the probability, times their number."""
@@ -247,7 +245,11 @@ def importance(
         design_points=tuple(
             sensitivities(problem, p) for p in sorted(about_points, key=lambda p: abs(p.beta))
         ),
-        warnings=_doubts(sample, weight),
+        # Chains that have walked tell better what a search without a design point suspects.
+        warnings=(
+            *(() if found.points or len(sample.walked) else found.warnings),
+            *_doubts(sample, weight),
+        ),
     )
 
 
