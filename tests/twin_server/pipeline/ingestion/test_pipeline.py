@@ -532,13 +532,20 @@ def test_a_clock_moved_by_hand_judges_messages(tmp_path, features, sample):
 def test_a_server_that_falls_behind_does_not_blame_the_clocks_of_edges(
     tmp_path, settings, edge, ageing, eventually
 ):
-    clock, go_on = HandClock(time.time_ns()), threading.Event()
+    clock = HandClock(time.time_ns())
+    is_busy, go_on = threading.Event(), threading.Event()
+
+    def be_busy():
+        is_busy.set()
+        go_on.wait()
+
     store = SqliteStore(tmp_path / "x.sqlite")
     with MemoryBus() as bus:
         pipeline = Pipeline(settings, store, bus=bus, clock=clock)
         pipeline.start()
-        busy = threading.Thread(target=pipeline.call, args=[go_on.wait])
+        busy = threading.Thread(target=pipeline.call, args=[be_busy])
         busy.start()
+        assert is_busy.wait(60.0)
         beam = edge(MemoryBus(joins=bus))
         for message in ageing(5):
             beam.make(message)
