@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from slowtime.dynamics.stochastic import Springs, WhiteForce, examples
-from slowtime.estimation import kalman, streaming, unscented
+from slowtime.estimation import kalman, state_space, unscented
 from slowtime.estimation.epochs import Watched, identify_epoch
 from slowtime.estimation.processes import Matern
 
@@ -63,13 +63,13 @@ def history(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def streams() -> bool:
     """Print the cost of one reading more; whether it stays, and is far below a refit."""
     process = Matern(length=30.0, sd=1.0)
-    stream = streaming.Stream(process)
     times, values, sd = history(100_200)
-    belief, cost = stream.start(float(times[0])), {}
+    belief, cost = process.start(float(times[0])), {}
     for k in range(100_000):
-        belief, _ = stream.step(belief, float(times[k]), float(values[k]), float(sd[k]))
+        reading = float(times[k]), float(values[k]), float(sd[k])
+        belief, _ = state_space.step(process, belief, *reading)
         if k + 1 in (1000, 2000, 100_000):
-            cost[k + 1] = one_update(stream, belief, k + 1, (times, values, sd))
+            cost[k + 1] = one_update(process, belief, k + 1, (times, values, sd))
     growth = cost[100_000] / cost[1000]
     print("Streaming Gaussian process, Matern 3/2, irregular times: one reading more")
     for count, seconds in cost.items():
@@ -87,8 +87,8 @@ def streams() -> bool:
 
 
 def one_update(
-    stream: streaming.Stream,
-    belief: streaming.Belief,
+    process: Matern,
+    belief: state_space.Belief,
     at: int,
     readings: tuple[np.ndarray, np.ndarray, np.ndarray],
 ) -> float:
@@ -98,7 +98,7 @@ def one_update(
     def go_on() -> None:
         now = belief
         for t, y, s in arguments:
-            now, _ = stream.step(now, t, y, s)
+            now, _ = state_space.step(process, now, t, y, s)
 
     return best_of(5, go_on) / len(arguments)
 
@@ -106,14 +106,14 @@ def one_update(
 def streams_beside_kalman(readings: int = 2000) -> bool:
     """Print one step of our process beside filterpy's, of one filter and of a thousand."""
     times, values, sd = history(readings)
-    alone = streaming.Stream(Matern(length=30.0, sd=1.0))
-    family = streaming.Stream(Matern(length=np.full(TWINS, 30.0), sd=np.ones(TWINS)))
+    alone = Matern(length=30.0, sd=1.0)
+    family = Matern(length=np.full(TWINS, 30.0), sd=np.ones(TWINS))
     few = readings // 20
 
-    def ours(stream: streaming.Stream, count: int) -> streaming.Belief:
-        belief = stream.start(float(times[0]))
+    def ours(process: Matern, count: int) -> state_space.Belief:
+        belief = process.start(float(times[0]))
         for t, y, s in zip(times[:count].tolist(), values.tolist(), sd.tolist(), strict=False):
-            belief, _ = stream.step(belief, t, y, s)
+            belief, _ = state_space.step(process, belief, t, y, s)
         return belief
 
     one = best_of(5, lambda: ours(alone, readings)) / readings

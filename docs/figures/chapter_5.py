@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from slowtime.dynamics.evolution_functions import mass_change, stiffness_change
-from slowtime.estimation import matern
+from slowtime.estimation import filtering
 from slowtime.estimation.hyperparameters import fit
 from slowtime.evolution import Change, mass_from_frequency, stiffness_from_frequency
 from slowtime.evolution.stiffness_mass import book_formulas
@@ -65,11 +65,11 @@ def noisy_ratio(slow_time: Array, which: str) -> Array:
 
 def smoothed(
     slow_time: Array, readings: Array, *, smoothness: float, straight: bool
-) -> matern.Smoothed:
+) -> filtering.Smoothed:
     """Smooth readings over slow time: a Matérn process about a mean, learnt from them."""
     sd = np.full_like(readings, ERROR_SD)
     learnt = fit(slow_time, readings, sd, smoothness=smoothness, straight=straight)
-    return matern.smooth(learnt.process, slow_time, readings, sd)
+    return filtering.smooth(learnt.process, slow_time, readings, sd)
 
 
 def line(name: str, slow_time: Array, change: Change, sign: float = 1.0) -> Line:

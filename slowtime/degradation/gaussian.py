@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import chdtrc, logsumexp
 
-from slowtime.estimation import matern, sweeps
+from slowtime.estimation.filtering import filtered
 from slowtime.estimation.matern import SlowProcess
 from slowtime.evolution.events.known_events import KnownEvent
 from slowtime.evolution.forecasting import continuation, forecast
@@ -80,7 +80,7 @@ class GaussianPosterior:
                 continue
             logs = []
             for process, belief, weight in begun.kinds():
-                _, log = sweeps.carried(process, belief, time[one], value[one], sd[one])
+                log = filtered(process, time[one], value[one], sd[one], belief=belief)[1]
                 with np.errstate(divide="ignore"):
                     logs.append(np.atleast_1d(log) + np.log(weight))
             gained += float(logsumexp(np.concatenate(logs)))
@@ -122,7 +122,7 @@ def _p_value(outlook: Outlook, time: Series, value: Series, sd: Series) -> float
         return 1.0
     likeliest = outlook.likeliest
     assert isinstance(likeliest, SlowProcess)
-    _, readings = matern.run(likeliest, time, value, sd, jumps=outlook.jumps)
-    squares = np.array([one.residual**2 / one.spread for one in readings], dtype=float)
+    found = filtered(likeliest, time, value, sd, jumps=outlook.jumps, innovations=True)
+    squares = found.residual**2 / found.spread
     vague = 2 + len(outlook.jumps)
     return float(chdtrc(max(len(squares) - vague, 1), squares.sum()))

@@ -58,8 +58,8 @@ def surviving_futures(
     steps = _filtered(history)
     last = steps[-1]
     owners = rng.choice(len(last.sigma), size=4 * paths, p=last.weights)
-    factor = np.linalg.cholesky(last.covariance[owners, :2, :2] + 1e-300 * np.eye(2))
-    state = last.mean[owners, :2] + np.einsum(
+    factor = np.linalg.cholesky(last.belief.covariance[owners, :2, :2] + 1e-300 * np.eye(2))
+    state = last.belief.mean[owners, :2] + np.einsum(
         "pij,pj->pi", factor, rng.standard_normal((len(owners), 2))
     )
     falls = history.value[0] > threshold if toward is None else toward == "below"
@@ -116,7 +116,7 @@ def _backward(
     rng: np.random.Generator,
 ) -> Float[np.ndarray, " path"]:
     """Sample the level at a reading, given the drift and the level at the next one."""
-    mean, covariance = step.mean[owners], step.covariance[owners]
+    mean, covariance = step.belief.mean[owners], step.belief.covariance[owners]
     slope = covariance[:, 0, 1] / covariance[:, 1, 1]
     own = mean[:, 0] + slope * (drift - mean[:, 1])
     spread = np.maximum(covariance[:, 0, 0] - slope * covariance[:, 0, 1], 1e-300)

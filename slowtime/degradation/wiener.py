@@ -13,8 +13,11 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import chdtrc, logsumexp
 
+from slowtime.estimation.filtering import filtered
+from slowtime.estimation.state_space import Advanced, Belief, lifted, step
+
 from .fleet import FleetPrior
-from .history import LEVEL_WIDTH, History, Series
+from .history import LEVEL_WIDTH, Event, History, Series
 from .law import Drawn
 
 NODES = 33
@@ -77,8 +80,8 @@ class WienerLaw:
             mean[:, 1], covariance[:, 1, 1] = fleet.mean[0], fleet.covariance[0, 0]
         zero = np.zeros(number)
         return WienerPosterior(
-            history, self.name, sigma, around, memory, prior, float(history.time[0]),
-            mean, covariance, zero, zero, 0,
+            history, self.name, sigma, around, memory, prior,
+            Belief(float(history.time[0]), mean, covariance), zero, zero, 0,
         )  # fmt: skip
 
 
@@ -97,9 +100,7 @@ class WienerPosterior:
         where nothing reverts.
     log_prior
         Log prior probability of each node.
-    time
-        Slow time of the last reading.
-    mean, covariance
+    belief
         Of level, drift, and distance from the level, for each node.
     log_likelihood, misfit, count
         As for `curve_posterior.CurvePosterior`.
@@ -111,9 +112,7 @@ class WienerPosterior:
     around: Float[np.ndarray, " node"]
     memory: Float[np.ndarray, " node"]
     log_prior: Float[np.ndarray, " node"]
-    time: float
-    mean: Float[np.ndarray, "node 3"]
-    covariance: Float[np.ndarray, "node 3 3"]
+    belief: Belief
     log_likelihood: Float[np.ndarray, " node"]
     misfit: Float[np.ndarray, " node"]
     count: int
@@ -147,59 +146,60 @@ class WienerPosterior:
         -------
         Belief after the readings.
         """
-        mean, covariance = self.mean.copy(), self.covariance.copy()
-        total, misfit, now = self.log_likelihood.copy(), self.misfit.copy(), self.time
-        count, floor = self.count, 1e-6 * self.history.scatter
-        for at, seen, spread_sd in zip(time.tolist(), value.tolist(), sd.tolist(), strict=True):
-            if not (np.isfinite(seen) and np.isfinite(spread_sd)):
-                continue
-            for event in self.history.events:
-                if now < event.time <= at:
-                    mean, covariance = self._advanced(mean, covariance, event.time - now)
-                    mean, covariance = self._restored(mean, covariance, event.restored)
-                    covariance[:, 0, 0] += event.sd**2
-                    now = event.time
-            mean, covariance = self._advanced(mean, covariance, at - now)
-            now = at
-            reach = covariance[:, :, 0] + covariance[:, :, 2]
-            spread = reach[:, 0] + reach[:, 2] + max(spread_sd, floor) ** 2
-            residual = seen - mean[:, 0] - mean[:, 2]
-            square = residual**2 / spread
-            total -= 0.5 * (square + np.log(2.0 * np.pi * spread))
-            if count >= 2:
-                misfit += square
-            count += 1
-            gain = reach / spread[:, None]
-            mean += gain * residual[:, None]
-            covariance -= gain[:, :, None] * reach[:, None, :]
+        known = np.isfinite(value) & np.isfinite(sd)
+        time, value = time[known], value[known]
+        sd = np.maximum(sd[known], 1e-6 * self.history.scatter)
+        belief, total, misfit = self.belief, self.log_likelihood, self.misfit
+        count, first = self.count, 0
+        for event in (*self.history.events, None):
+            end = len(time)
+            if event is not None:
+                if not belief.time < event.time:
+                    continue
+                end = int(np.searchsorted(time, event.time))
+            part = slice(first, end)
+            passed = filtered(
+                self, time[part], value[part], sd[part], belief=belief, innovations=True
+            )
+            belief, total = passed.belief, total + passed.log_likelihood
+            # The first two readings only fix level and drift.
+            judged = slice(max(2 - count, 0), None)
+            squares = passed.residual[:, judged] ** 2 / passed.spread[:, judged]
+            misfit = misfit + squares.sum(axis=1)
+            count, first = count + end - first, end
+            if event is None or end == len(time):
+                break
+            belief = self._restored(step(self, belief, event.time, np.nan, 0.0)[0], event)
         return dataclasses.replace(
-            self, mean=mean, covariance=covariance, log_likelihood=total, misfit=misfit,
-            time=now, count=count,
-        )  # fmt: skip
+            self, belief=belief, log_likelihood=total, misfit=misfit, count=count
+        )
 
-    def _advanced(
-        self, mean: np.ndarray, covariance: np.ndarray, step: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        keep = np.exp(-step / self.memory)
-        transition = np.zeros((len(mean), 3, 3))
-        transition[:, 0, 0] = transition[:, 1, 1] = 1.0
-        transition[:, 0, 1], transition[:, 2, 2] = step, keep
-        moved = (transition @ mean[:, :, None])[:, :, 0]
-        spread = transition @ covariance @ np.swapaxes(transition, 1, 2)
-        spread[:, 0, 0] += self.sigma**2 * step
-        spread[:, 2, 2] += self.around**2 * (1.0 - keep**2)
-        return moved, spread
+    def start(self, time: float) -> Belief:
+        """See `StateSpace.start`."""
+        return dataclasses.replace(self.belief, time=time)
 
-    def _restored(
-        self, mean: np.ndarray, covariance: np.ndarray, share: float
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def observation_row(self, time: Series) -> Float[np.ndarray, "time 3"]:
+        """See `StateSpace.observation_row`; level and distance from it are seen."""
+        return np.tile([1.0, 0.0, 1.0], (len(time), 1))
+
+    def advance(self, step: Series) -> Advanced:
+        """See `StateSpace.advance`."""
+        keep = np.exp(-step[:, None] / self.memory)
+        transition, noise = np.zeros((2, *keep.shape, 3, 3))
+        transition[..., 0, 0] = transition[..., 1, 1] = 1.0
+        transition[..., 0, 1], transition[..., 2, 2] = step[:, None], keep
+        noise[..., 0, 0] = self.sigma**2 * step[:, None]
+        noise[..., 2, 2] = self.around**2 * (1.0 - keep**2)
+        return transition, noise
+
+    def _restored(self, belief: Belief, event: Event) -> Belief:
         """Take away a share of the damage: of the distance from the first level seen."""
-        left, base = 1.0 - share, float(self.history.value[0])
-        moved, spread = mean.copy(), covariance.copy()
-        moved[:, 0] = base + left * (mean[:, 0] - base)
-        spread[:, 0, :] *= left
-        spread[:, :, 0] *= left
-        return moved, spread
+        left, base = 1.0 - event.restored, float(self.history.value[0])
+        mean, covariance = belief.mean.copy(), belief.covariance.copy()
+        mean[:, 0] = base + left * (mean[:, 0] - base)
+        covariance[:, 0, :] *= left
+        covariance[:, :, 0] *= left
+        return lifted(Belief(belief.time, mean, covariance), event.sd)
 
     def draw(
         self, later: Float[np.ndarray, " later"], count: int, rng: np.random.Generator
@@ -220,9 +220,9 @@ class WienerPosterior:
         Paths in the unit of the readings, and the roughness of each.
         """
         owners = rng.choice(len(self.sigma), size=count, p=self.weights)
-        values, vectors = np.linalg.eigh(self.covariance[owners])
+        values, vectors = np.linalg.eigh(self.belief.covariance[owners])
         shocks = np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal((count, 3))
-        start = self.mean[owners] + np.einsum("pij,pj->pi", vectors, shocks)
+        start = self.belief.mean[owners] + np.einsum("pij,pj->pi", vectors, shocks)
         ahead = later - later[0]
         steps = rng.standard_normal((count, len(later))) * np.sqrt(np.diff(ahead, prepend=0.0))
         wander = self.sigma[owners, None] * np.cumsum(steps, axis=1)
@@ -239,7 +239,7 @@ class WienerPosterior:
 
     def hyperparameters(self) -> FleetPrior | None:
         """Give the drift over slow time."""
-        mean, variance = self.mean[:, 1], self.covariance[:, 1, 1]
+        mean, variance = self.belief.mean[:, 1], self.belief.covariance[:, 1, 1]
         centre = self.weights @ mean
         spread = self.weights @ (variance + (mean - centre) ** 2)
         return FleetPrior(self.name, np.array([centre]), np.array([[spread]]))

@@ -3,8 +3,7 @@ r"""Gaussian processes over time as small linear systems: an algebra of kernels,
 A stationary process of covariance :math:`k(\tau)` is seen through a state that moves by
 :math:`A(\tau)` and keeps the covariance S, :math:`k(\tau) = h A(|\tau|) S h^T` (Hartikainen and
 Särkkä, 2010). Sums of processes are states side by side, products are Kronecker products
-(Solin and Särkkä, 2014). Every process also gives the slopes of A and S to the logarithms of
-its parameters. Parameters may be arrays, one entry per member of a family.
+(Solin and Särkkä, 2014). Parameters may be arrays, one entry per member of a family.
 """
 
 import abc
@@ -15,10 +14,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from .matern import Belief
-
-Slopes = list[np.ndarray]
-"""Of a matrix, to the logarithm of each free parameter."""
+from .state_space import Advanced, Belief
 
 
 class Process(abc.ABC):
@@ -48,18 +44,7 @@ class Process(abc.ABC):
     def observation_row(
         self, time: Float[np.ndarray, " time"]
     ) -> Float[np.ndarray, "time *family state"]:
-        """Row that maps the state to the process, at each time.
-
-        Parameters
-        ----------
-        time
-            Times, in the unit of time.
-
-        Returns
-        -------
-        Rows [time, family, state]; the same at all times unless the process depends on the
-        clock.
-        """
+        """See `StateSpace.observation_row`."""
         return np.broadcast_to(self.observation, (len(time), self.size))
 
     @abc.abstractmethod
@@ -91,120 +76,28 @@ class Process(abc.ABC):
         """
 
     @abc.abstractmethod
-    def initial_covariance(self) -> tuple[np.ndarray, Slopes]:
-        """Covariance of the state before any reading, and its slopes."""
+    def initial_covariance(self) -> np.ndarray:
+        """Covariance of the state before any reading [family, state, state]."""
 
     def start(self, time: float) -> Belief:
-        """Belief before any reading.
-
-        Parameters
-        ----------
-        time
-            Time of the belief, no later than the first reading.
-
-        Returns
-        -------
-        Mean and covariance of the state.
-        """
-        own, _ = self.initial_covariance()
+        """See `StateSpace.start`."""
+        own = self.initial_covariance()
         return Belief(float(time), np.zeros(own.shape[:-1]), own)
 
     @abc.abstractmethod
-    def moves(self, step: Float[np.ndarray, " time"]) -> tuple[np.ndarray, Slopes]:
-        """Compute the transitions of the state over time steps, and their slopes.
-
-        Parameters
-        ----------
-        step
-            Time steps [time], in the unit of time.
-
-        Returns
-        -------
-        Transitions [time, family, state, state], and their slopes to the logarithms of the free
-        parameters.
-        """
-
-    def noises(
-        self, step: Float[np.ndarray, " time"], move: np.ndarray, slopes: Slopes
-    ) -> tuple[np.ndarray, Slopes]:
-        """Compute the process noise over time steps, and its slopes.
-
-        Parameters
-        ----------
-        step
-            Time steps [time], in the unit of time.
-        move
-            Transitions over the steps [time, family, state, state].
-        slopes
-            Slopes of the transitions to the logarithms of the free parameters.
-
-        Returns
-        -------
-        Covariances [time, family, state, state], and their slopes to the logarithms of the free
-        parameters.
-        """
-        own, own_slopes = self.initial_covariance()
-        turned = np.swapaxes(move, -1, -2)
-        noise = own - move @ own @ turned
-        found = []
-        for of_own, of_move in zip(own_slopes, slopes, strict=True):
-            half = of_move @ own @ turned
-            found.append(of_own - move @ of_own @ turned - half - np.swapaxes(half, -1, -2))
-        return noise, found
-
-    def advance(self, step: Float[np.ndarray, " time"]) -> tuple[np.ndarray, np.ndarray]:
-        """Compute transition and process noise over time steps.
-
-        Parameters
-        ----------
-        step
-            Time steps [time], in the unit of time.
-
-        Returns
-        -------
-        Transitions and covariances [time, family, state, state].
-
-        Raises
-        ------
-        ValueError
-            Where a step is negative.
-        """
-        _check_ascending(step)
-        move = self.transitions(step)
-        return move, self._noise(step, move)
-
     def transitions(self, step: Float[np.ndarray, " time"]) -> np.ndarray:
-        """Compute the transitions of the state over time steps, without their slopes.
+        """Compute the transitions of the state over time steps [time, family, state, state]."""
 
-        Parameters
-        ----------
-        step
-            Time steps [time], in the unit of time.
-
-        Returns
-        -------
-        Transitions [time, family, state, state].
-        """
-        return self.moves(step)[0]
-
-    def transition_over(self, step: float) -> np.ndarray:
-        """Compute the transition of the state over one time step.
-
-        Parameters
-        ----------
-        step
-            Time step, in the unit of time.
-
-        Returns
-        -------
-        Transition [family, state, state].
-        """
-        return np.asarray(self.transitions(np.array([step]))[0])
-
-    def _noise(self, step: Float[np.ndarray, " time"], move: np.ndarray) -> np.ndarray:
-        """Process noise over the same steps, without its slopes."""
-        own = self.initial_covariance()[0]
+    def noises(self, step: Float[np.ndarray, " time"], move: np.ndarray) -> np.ndarray:
+        """Compute the process noise over time steps, of which `move` are the transitions."""
+        own = self.initial_covariance()
         return np.asarray(own - move @ own @ np.swapaxes(move, -1, -2))
+
+    def advance(self, step: Float[np.ndarray, " time"]) -> Advanced:
+        """See `StateSpace.advance`."""
+        check_ascending(step)
+        move = self.transitions(step)
+        return move, self.noises(step, move)
 
     def covariance(self, apart: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
         """Covariance of one stationary process between two times.
@@ -228,10 +121,8 @@ class Process(abc.ABC):
                 "A trend or a sawtooth has no covariance that hangs on the distance alone."
             )
         seen = self.observation
-        move = self.moves(np.abs(apart).ravel())[0]
-        return np.asarray(
-            (seen @ move @ self.initial_covariance()[0] @ seen).reshape(apart.shape)
-        )
+        move = self.transitions(np.abs(apart).ravel())
+        return np.asarray((seen @ move @ self.initial_covariance() @ seen).reshape(apart.shape))
 
     def __add__(self, other: "Process") -> "Sum":
         return Sum((*_terms(self), *_terms(other)))
@@ -283,22 +174,9 @@ class Leaf(Process):
         return np.stack(np.broadcast_arrays(*values), -1) if values else np.zeros(0)
 
     def at(self, logs: np.ndarray) -> "Process":
-        """Make the same kind of process with other parameters.
-
-        Parameters
-        ----------
-        logs
-            Logarithms of the free parameters [family, parameter].
-
-        Returns
-        -------
-        The process, or family of processes.
-        """
+        """See `Process`."""
         values = np.exp(np.moveaxis(logs, -1, 0))
         return dataclasses.replace(self, **dict(zip(self.free, values, strict=True)))
-
-    def _chosen(self, slopes: dict[str, np.ndarray], like: np.ndarray) -> Slopes:
-        return [slopes.get(name, np.zeros_like(like)) for name in self.free]
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -318,21 +196,9 @@ class Sum(Process):
         return np.concatenate([term.observation for term in self.terms])
 
     def observation_row(self, time: np.ndarray) -> np.ndarray:
-        """Row that maps the state to the process, at each time.
-
-        Parameters
-        ----------
-        time
-            Times, in the unit of time.
-
-        Returns
-        -------
-        Rows [time, family, state]; the same at all times unless the process depends on the
-        clock.
-        """
-        parts = [term.observation_row(time) for term in self.terms]
-        most = max(part.ndim for part in parts)
-        parts = [p.reshape(len(p), *(1,) * (most - p.ndim), *p.shape[1:]) for p in parts]
+        """See `StateSpace.observation_row`."""
+        rows = [term.observation_row(time)[..., None, :] for term in self.terms]
+        parts = [row[..., 0, :] for row in _aligned(rows)]
         batch = np.broadcast_shapes(*(part.shape[:-1] for part in parts))
         return np.concatenate([np.broadcast_to(p, (*batch, p.shape[-1])) for p in parts], -1)
 
@@ -351,17 +217,7 @@ class Sum(Process):
         return _concatenate_logs([term.logs for term in self.terms])
 
     def at(self, logs: np.ndarray) -> "Process":
-        """Make the same kind of process with other parameters.
-
-        Parameters
-        ----------
-        logs
-            Logarithms of the free parameters [family, parameter].
-
-        Returns
-        -------
-        The process, or family of processes.
-        """
+        """See `Process`."""
         return dataclasses.replace(self, terms=_split(self.terms, logs))
 
     def part(self, number: int) -> Float[np.ndarray, " state"]:
@@ -369,78 +225,18 @@ class Sum(Process):
         seen = [term.observation * (i == number) for i, term in enumerate(self.terms)]
         return np.concatenate(seen)
 
-    def initial_covariance(self) -> tuple[np.ndarray, Slopes]:
+    def initial_covariance(self) -> np.ndarray:
         """See `Process`."""
         return _blocks([term.initial_covariance() for term in self.terms])
 
-    def moves(self, step: np.ndarray) -> tuple[np.ndarray, Slopes]:
-        """Compute the transitions of the state over time steps, and their slopes.
-
-        Parameters
-        ----------
-        step
-            Time steps [time], in the unit of time.
-
-        Returns
-        -------
-        Transitions [time, family, state, state], and their slopes to the logarithms of the free
-        parameters.
-        """
-        return _blocks(_aligned([term.moves(step) for term in self.terms]))
-
-    def noises(
-        self, step: np.ndarray, move: np.ndarray, slopes: Slopes
-    ) -> tuple[np.ndarray, Slopes]:
-        """Compute the process noise over time steps, and its slopes.
-
-        Parameters
-        ----------
-        step
-            Time steps [time], in the unit of time.
-        move
-            Transitions over the steps [time, family, state, state].
-        slopes
-            Slopes of the transitions to the logarithms of the free parameters.
-
-        Returns
-        -------
-        Covariances [time, family, state, state], and their slopes to the logarithms of the free
-        parameters.
-        """
-        parts = [term.noises(step, *term.moves(step)) for term in self.terms]
-        return _blocks(_aligned(parts))
-
     def transitions(self, step: np.ndarray) -> np.ndarray:
-        """Compute the transitions of the state over time steps, without their slopes.
+        """See `Process`."""
+        return _blocks(_aligned([term.transitions(step) for term in self.terms]))
 
-        Parameters
-        ----------
-        step
-            Time steps [time], in the unit of time.
-
-        Returns
-        -------
-        Transitions [time, family, state, state].
-        """
-        return _blocks(_aligned([(term.transitions(step), []) for term in self.terms]))[0]
-
-    def transition_over(self, step: float) -> np.ndarray:
-        """Compute the transition of the state over one time step.
-
-        Parameters
-        ----------
-        step
-            Time step, in the unit of time.
-
-        Returns
-        -------
-        Transition [family, state, state].
-        """
-        return _blocks([(term.transition_over(step), []) for term in self.terms])[0]
-
-    def _noise(self, step: np.ndarray, move: np.ndarray) -> np.ndarray:
-        parts = [term._noise(step, term.transitions(step)) for term in self.terms]
-        return _blocks(_aligned([(part, []) for part in parts]))[0]
+    def noises(self, step: np.ndarray, move: np.ndarray) -> np.ndarray:
+        """See `Process`."""
+        own = [term.noises(step, term.transitions(step)) for term in self.terms]
+        return _blocks(_aligned(own))
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -480,75 +276,25 @@ class Product(Process):
         return _concatenate_logs([self.first.logs, self.second.logs])
 
     def at(self, logs: np.ndarray) -> "Process":
-        """Make the same kind of process with other parameters.
-
-        Parameters
-        ----------
-        logs
-            Logarithms of the free parameters [family, parameter].
-
-        Returns
-        -------
-        The process, or family of processes.
-        """
+        """See `Process`."""
         first, second = _split((self.first, self.second), logs)
         return dataclasses.replace(self, first=first, second=second)
 
-    def initial_covariance(self) -> tuple[np.ndarray, Slopes]:
+    def initial_covariance(self) -> np.ndarray:
         """See `Process`."""
         return _kron(self.first.initial_covariance(), self.second.initial_covariance())
 
-    def moves(self, step: np.ndarray) -> tuple[np.ndarray, Slopes]:
-        """Compute the transitions of the state over time steps, and their slopes.
-
-        Parameters
-        ----------
-        step
-            Time steps [time], in the unit of time.
-
-        Returns
-        -------
-        Transitions [time, family, state, state], and their slopes to the logarithms of the free
-        parameters.
-        """
-        return _kron(*_aligned([self.first.moves(step), self.second.moves(step)]))
-
     def transitions(self, step: np.ndarray) -> np.ndarray:
-        """Compute the transitions of the state over time steps, without their slopes.
-
-        Parameters
-        ----------
-        step
-            Time steps [time], in the unit of time.
-
-        Returns
-        -------
-        Transitions [time, family, state, state].
-        """
-        parts: list[tuple[np.ndarray, Slopes]]
-        parts = [(one.transitions(step), []) for one in (self.first, self.second)]
-        return _kron(*_aligned(parts))[0]
-
-    def transition_over(self, step: float) -> np.ndarray:
-        """Compute the transition of the state over one time step.
-
-        Parameters
-        ----------
-        step
-            Time step, in the unit of time.
-
-        Returns
-        -------
-        Transition [family, state, state].
-        """
-        return _times(self.first.transition_over(step), self.second.transition_over(step))
+        """See `Process`."""
+        return _kron(*_aligned([self.first.transitions(step), self.second.transitions(step)]))
 
 
 def _terms(process: Process) -> tuple[Process, ...]:
     return process.terms if isinstance(process, Sum) else (process,)
 
 
-def _check_ascending(step: np.ndarray) -> None:
+def check_ascending(step: np.ndarray) -> None:
+    """Refuse time steps that go back."""
     if step.size and not step.min() >= 0.0:
         raise ValueError(
             f"The time goes back by {-step.min():g}. Give readings in ascending order of "
@@ -569,41 +315,24 @@ def _split(terms: Sequence[Process], logs: np.ndarray) -> tuple[Process, ...]:
     )
 
 
-def _aligned(parts: Sequence[tuple[np.ndarray, Slopes]]) -> list[tuple[np.ndarray, Slopes]]:
+def _aligned(parts: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Give all as many axes of a family, between the one of time and the matrices."""
-    most = max(matrix.ndim for matrix, _ in parts)
-
-    def widened(matrix: np.ndarray) -> np.ndarray:
-        missing = (1,) * (most - matrix.ndim)
-        return matrix.reshape(matrix.shape[0], *missing, *matrix.shape[1:])
-
-    return [(widened(matrix), [widened(each) for each in own]) for matrix, own in parts]
+    most = max(part.ndim for part in parts)
+    return [p.reshape(len(p), *(1,) * (most - p.ndim), *p.shape[1:]) for p in parts]
 
 
-def _blocks(parts: Sequence[tuple[np.ndarray, Slopes]]) -> tuple[np.ndarray, Slopes]:
-    batch = np.broadcast_shapes(*(matrix.shape[:-2] for matrix, _ in parts))
-    size = sum(matrix.shape[-1] for matrix, _ in parts)
-    whole, slopes, at = np.zeros((*batch, size, size)), [], 0
-    for matrix, own in parts:
-        place = np.s_[..., at : at + matrix.shape[-1], at : at + matrix.shape[-1]]
-        whole[place] = matrix
-        for each in own:
-            slope = np.zeros_like(whole)
-            slope[place] = each
-            slopes.append(slope)
-        at += matrix.shape[-1]
-    return whole, slopes
+def _blocks(parts: Sequence[np.ndarray]) -> np.ndarray:
+    batch = np.broadcast_shapes(*(part.shape[:-2] for part in parts))
+    size, at = sum(part.shape[-1] for part in parts), 0
+    whole = np.zeros((*batch, size, size))
+    for part in parts:
+        end = at + part.shape[-1]
+        whole[..., at:end, at:end] = part
+        at = end
+    return whole
 
 
-def _kron(
-    first: tuple[np.ndarray, Slopes], second: tuple[np.ndarray, Slopes]
-) -> tuple[np.ndarray, Slopes]:
-    slopes = [_times(each, second[0]) for each in first[1]]
-    slopes += [_times(first[0], each) for each in second[1]]
-    return _times(first[0], second[0]), slopes
-
-
-def _times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def _kron(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Kronecker product of the last two axes."""
     both = a[..., :, None, :, None] * b[..., None, :, None, :]
     size = a.shape[-1] * b.shape[-1]

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import ndtri
 
-from . import matern
+from . import filtering
 from .matern import SlowProcess
 
 Objective = Callable[[np.ndarray], np.ndarray]
@@ -170,7 +170,7 @@ def fit(
         family = dataclasses.replace(
             base, smoothness=smoothness, length=np.exp(points[:, 0]), sd=np.exp(points[:, 1])
         )
-        likelihood = matern.log_likelihood(family, time, value, sd)
+        likelihood = filtering.log_likelihood(family, time, value, sd)
         total: np.ndarray = likelihood + prior.log_density(points)
         return total
 
@@ -182,7 +182,7 @@ def fit(
         length=float(np.exp(best.point[0])),
         sd=float(np.exp(best.point[1])),
     )
-    return Fitted(process, float(matern.log_likelihood(process, time, value, sd)))
+    return Fitted(process, float(filtering.log_likelihood(process, time, value, sd)))
 
 
 def weak_prior(

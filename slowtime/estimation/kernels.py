@@ -6,13 +6,8 @@ Gaussian process over slow time costs the same for every new reading. Derivative
 units of :math:`\lambda = \sqrt{2 \nu} / \ell`, which keeps every entry of order one.
 """
 
-import math
-from typing import TypeVar
-
 import numpy as np
 from jaxtyping import Float
-
-T = TypeVar("T", float, np.ndarray)
 
 SMOOTHNESSES = (0.5, 1.5, 2.5)
 
@@ -101,26 +96,7 @@ def matern_transition(
     return decayed
 
 
-def matern_transition_over(smoothness: float, s: float) -> Float[np.ndarray, "state state"]:
-    r"""Transition over one time, the same as `matern_transition` at a fifth of its cost.
-
-    Parameters
-    ----------
-    smoothness
-        Smoothness: 0.5, 1.5 or 2.5 [1].
-    s
-        Time, in units of :math:`1 / \lambda` [1].
-
-    Returns
-    -------
-    Transition [1].
-    """
-    decay = math.exp(-s)
-    entries = [[1.0]] if smoothness == 0.5 else _polynomials(smoothness, s)
-    return np.array([[decay * entry for entry in row] for row in entries])
-
-
-def _polynomials(smoothness: float, s: T) -> list[list[T]]:
+def _polynomials(smoothness: float, s: np.ndarray) -> list[list[np.ndarray]]:
     """Entries of a transition without their common factor, of the smoothness 1.5 or 2.5."""
     if smoothness == 1.5:
         return [[1.0 + s, s], [-s, 1.0 - s]]

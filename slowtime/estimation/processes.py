@@ -1,14 +1,13 @@
 r"""Members of the algebra of processes: Matérn, level, trend, wave, repeating function."""
 
 import dataclasses
-import math
 
 import numpy as np
 from jaxtyping import Float
 from scipy.special import ive
 
 from . import kernels
-from .algebra import Leaf, Process, Product, Slopes, Sum
+from .algebra import Leaf, Process, Product, Sum
 
 __all__ = [
     "Constant",
@@ -26,12 +25,6 @@ Parameter = float | Float[np.ndarray, "*family"]
 
 _LEFT_OUT = 1e-12
 """Share of the variance of a periodic process in the harmonics that are left out."""
-
-_GENERATORS = {
-    0.5: np.array([[-1.0]]),
-    1.5: np.array([[0.0, 1.0], [-1.0, -2.0]]),
-    2.5: np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, -3.0, -3.0]]),
-}
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,66 +49,17 @@ class Matern(Leaf):
     @property
     def observation(self) -> np.ndarray:
         """See `Process`."""
-        return np.asarray(np.eye(len(_GENERATORS[self.smoothness]))[0])
+        return np.asarray(np.eye(round(self.smoothness + 0.5))[0])
 
-    def initial_covariance(self) -> tuple[np.ndarray, Slopes]:
+    def initial_covariance(self) -> np.ndarray:
         """See `Process`."""
-        own = _each(self.sd) ** 2 * kernels.stationary(self.smoothness)
-        return own, self._chosen({"sd": 2.0 * own}, own)
-
-    def moves(self, step: np.ndarray) -> tuple[np.ndarray, Slopes]:
-        """Compute the transitions of the state over time steps, and their slopes.
-
-        Parameters
-        ----------
-        step
-            Time steps [time], in the unit of time.
-
-        Returns
-        -------
-        Transitions [time, family, state, state], and their slopes to the logarithms of the free
-        parameters.
-        """
-        scaled = self._scaled(step)
-        move = kernels.matern_transition(self.smoothness, scaled)
-        slope = -scaled[..., None, None] * (_GENERATORS[self.smoothness] @ move)
-        return move, self._chosen({"length": slope}, move)
+        return np.asarray(_each(self.sd) ** 2 * kernels.stationary(self.smoothness))
 
     def transitions(self, step: np.ndarray) -> np.ndarray:
-        """Compute the transitions of the state over time steps, without their slopes.
-
-        Parameters
-        ----------
-        step
-            Time steps [time], in the unit of time.
-
-        Returns
-        -------
-        Transitions [time, family, state, state].
-        """
-        return kernels.matern_transition(self.smoothness, self._scaled(step))
-
-    def transition_over(self, step: float) -> np.ndarray:
-        """Compute the transition of the state over one time step.
-
-        Parameters
-        ----------
-        step
-            Time step, in the unit of time.
-
-        Returns
-        -------
-        Transition [family, state, state].
-        """
-        if np.ndim(self.length) or np.ndim(self.sd):
-            return np.asarray(self.transitions(np.array([step]))[0])
-        rate = math.sqrt(2.0 * self.smoothness) / float(self.length)
-        return kernels.matern_transition_over(self.smoothness, rate * step)
-
-    def _scaled(self, step: np.ndarray) -> np.ndarray:
-        """Time steps in units of what `kernels.rate` is the reciprocal of [1]."""
-        rate = kernels.rate(self.smoothness, self.length)
-        return np.asarray(_with_family_axis(step, self.length, self.sd) * rate)
+        """See `Process`."""
+        apart = _with_family_axis(step, self.length, self.sd)
+        scaled = apart * kernels.rate(self.smoothness, self.length)
+        return kernels.matern_transition(self.smoothness, scaled)
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -133,26 +77,13 @@ class Constant(Leaf):
         """See `Process`."""
         return np.ones(1)
 
-    def initial_covariance(self) -> tuple[np.ndarray, Slopes]:
+    def initial_covariance(self) -> np.ndarray:
         """See `Process`."""
-        own = _each(self.sd) ** 2 * np.ones((1, 1))
-        return own, self._chosen({"sd": 2.0 * own}, own)
+        return np.asarray(_each(self.sd) ** 2)
 
-    def moves(self, step: np.ndarray) -> tuple[np.ndarray, Slopes]:
-        """Compute the transitions of the state over time steps, and their slopes.
-
-        Parameters
-        ----------
-        step
-            Time steps [time], in the unit of time.
-
-        Returns
-        -------
-        Transitions [time, family, state, state], and their slopes to the logarithms of the free
-        parameters.
-        """
-        move = np.ones((*_with_family_axis(step, self.sd).shape, 1, 1))
-        return move, self._chosen({}, move)
+    def transitions(self, step: np.ndarray) -> np.ndarray:
+        """See `Process`."""
+        return np.ones((*_with_family_axis(step, self.sd).shape, 1, 1))
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -182,56 +113,24 @@ class Trend(Leaf):
         """See `Process`."""
         return np.array([1.0, 0.0])
 
-    def initial_covariance(self) -> tuple[np.ndarray, Slopes]:
+    def initial_covariance(self) -> np.ndarray:
         """See `Process`."""
         level, slope, drift = np.broadcast_arrays(self.level_sd, self.slope_sd, self.drift)
         own = np.zeros((*drift.shape, 2, 2))
         own[..., 0, 0], own[..., 1, 1] = level**2, slope**2
-        return own, self._chosen({}, own)
+        return own
 
-    def moves(self, step: np.ndarray) -> tuple[np.ndarray, Slopes]:
-        """Compute the transitions of the state over time steps, and their slopes.
-
-        Parameters
-        ----------
-        step
-            Time steps [time], in the unit of time.
-
-        Returns
-        -------
-        Transitions [time, family, state, state], and their slopes to the logarithms of the free
-        parameters.
-        """
+    def transitions(self, step: np.ndarray) -> np.ndarray:
+        """See `Process`."""
         apart = _with_family_axis(step, self.drift)
         apart = np.broadcast_to(apart, (len(step), *np.shape(self.drift)))
         move = np.zeros((*apart.shape, 2, 2))
         move[..., 0, 0] = move[..., 1, 1] = 1.0
         move[..., 0, 1] = apart
-        return move, self._chosen({}, move)
+        return move
 
-    def noises(
-        self, step: np.ndarray, move: np.ndarray, slopes: Slopes
-    ) -> tuple[np.ndarray, Slopes]:
-        """Compute the process noise over time steps, and its slopes.
-
-        Parameters
-        ----------
-        step
-            Time steps [time], in the unit of time.
-        move
-            Transitions over the steps [time, family, state, state].
-        slopes
-            Slopes of the transitions to the logarithms of the free parameters.
-
-        Returns
-        -------
-        Covariances [time, family, state, state], and their slopes to the logarithms of the free
-        parameters.
-        """
-        noise = self._noise(step, move)
-        return noise, self._chosen({"drift": 2.0 * noise}, noise)
-
-    def _noise(self, step: np.ndarray, move: np.ndarray) -> np.ndarray:
+    def noises(self, step: np.ndarray, move: np.ndarray) -> np.ndarray:
+        """See `Process`."""
         return np.asarray(_each(self.drift) ** 2 * kernels.trend_noise(move[..., 0, 1]))
 
 
@@ -251,27 +150,13 @@ class Cosine(Leaf):
         """See `Process`."""
         return np.array([1.0, 0.0])
 
-    def initial_covariance(self) -> tuple[np.ndarray, Slopes]:
+    def initial_covariance(self) -> np.ndarray:
         """See `Process`."""
-        own = _each(self.sd) ** 2 * np.eye(2)
-        return own, self._chosen({"sd": 2.0 * own}, own)
+        return np.asarray(_each(self.sd) ** 2 * np.eye(2))
 
-    def moves(self, step: np.ndarray) -> tuple[np.ndarray, Slopes]:
-        """Compute the transitions of the state over time steps, and their slopes.
-
-        Parameters
-        ----------
-        step
-            Time steps [time], in the unit of time.
-
-        Returns
-        -------
-        Transitions [time, family, state, state], and their slopes to the logarithms of the free
-        parameters.
-        """
-        angle = 2.0 * np.pi * _with_family_axis(step, self.period, self.sd) / self.period
-        move, slope = _turn(angle)
-        return move, self._chosen({"period": slope}, move)
+    def transitions(self, step: np.ndarray) -> np.ndarray:
+        """See `Process`."""
+        return _turn(2.0 * np.pi * _with_family_axis(step, self.period, self.sd) / self.period)
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -330,58 +215,34 @@ class Periodic(Leaf):
         """See `Process`."""
         return np.concatenate([[1.0], np.tile([1.0, 0.0], self.count)])
 
-    def initial_covariance(self) -> tuple[np.ndarray, Slopes]:
+    def initial_covariance(self) -> np.ndarray:
         """See `Process`."""
-        weight, slope = self._weights()
         places = np.concatenate([[0], np.repeat(np.arange(1, self.count + 1), 2)])
         variance = np.asarray(self.sd)[..., None] ** 2
-        own, of_length = (
-            (variance * each[..., places])[..., None] * np.eye(len(places))
-            for each in (weight, slope)
+        return np.asarray(
+            (variance * self._shares()[..., places])[..., None] * np.eye(len(places))
         )
-        return own, self._chosen({"length": of_length, "sd": 2.0 * own}, own)
 
-    def _weights(self) -> tuple[np.ndarray, np.ndarray]:
-        """Share of variance of each harmonic, and its slope to the logarithm of `length`."""
+    def _shares(self) -> np.ndarray:
+        """Share of variance of each harmonic [family, harmonic]."""
         order = np.arange(self.count + 1)
         twice = np.where(order > 0, 2.0, 1.0)
-        if self.edges:
-            square = (order * np.asarray(self.length)[..., None]) ** 2
-            weight = twice / (1.0 + square)
-            weight = weight / weight.sum(axis=-1, keepdims=True)
-            own = -2.0 * square / (1.0 + square)
-            return weight, weight * (own - (weight * own).sum(axis=-1, keepdims=True))
-        x = np.asarray(self.length)[..., None] ** -2.0
-        bessel = 0.5 * (ive(np.abs(order - 1), x) + ive(order + 1, x)) - ive(order, x)
-        return twice * ive(order, x), twice * bessel * (-2.0 * x)
+        length = np.asarray(self.length)[..., None]
+        if not self.edges:
+            return np.asarray(twice * ive(order, length**-2.0))
+        share = twice / (1.0 + (order * length) ** 2)
+        return np.asarray(share / share.sum(axis=-1, keepdims=True))
 
-    def moves(self, step: np.ndarray) -> tuple[np.ndarray, Slopes]:
-        """Compute the transitions of the state over time steps, and their slopes.
-
-        Parameters
-        ----------
-        step
-            Time steps [time], in the unit of time.
-
-        Returns
-        -------
-        Transitions [time, family, state, state], and their slopes to the logarithms of the free
-        parameters.
-        """
-        angle = (
-            2.0
-            * np.pi
-            * _with_family_axis(step, self.period, self.length, self.sd)
-            / self.period
-        )
+    def transitions(self, step: np.ndarray) -> np.ndarray:
+        """See `Process`."""
+        apart = _with_family_axis(step, self.period, self.length, self.sd)
+        angle = 2.0 * np.pi * apart / self.period
         size = 1 + 2 * self.count
         move = np.zeros((*angle.shape, size, size))
-        slope = np.zeros_like(move)
         move[..., 0, 0] = 1.0
         for j in range(1, self.count + 1):
-            block = np.s_[..., 2 * j - 1 : 2 * j + 1, 2 * j - 1 : 2 * j + 1]
-            move[block], slope[block] = _turn(j * angle)
-        return move, self._chosen({"period": slope}, move)
+            move[..., 2 * j - 1 : 2 * j + 1, 2 * j - 1 : 2 * j + 1] = _turn(j * angle)
+        return move
 
 
 def quasi_periodic(
@@ -432,9 +293,7 @@ def _with_family_axis(step: np.ndarray, *parameters: Parameter) -> np.ndarray:
     return np.broadcast_to(step.reshape(-1, *([1] * len(family))), (len(step), *family))
 
 
-def _turn(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation, and its slope to the logarithm of the period."""
+def _turn(angle: np.ndarray) -> np.ndarray:
+    """Rotation by each angle [rad]."""
     c, s = np.cos(angle), np.sin(angle)
-    move = np.stack([np.stack([c, s], -1), np.stack([-s, c], -1)], -2)
-    slope = np.stack([np.stack([-s, c], -1), np.stack([-c, -s], -1)], -2)
-    return move, -angle[..., None, None] * slope
+    return np.stack([np.stack([c, s], -1), np.stack([-s, c], -1)], -2)

@@ -8,7 +8,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from .algebra import Leaf, Slopes
+from .algebra import Leaf
 
 Parameter = float | Float[np.ndarray, "*family"]
 
@@ -53,42 +53,18 @@ class Sawtooth(Leaf):
         return np.ones(1)
 
     def observation_row(self, time: np.ndarray) -> np.ndarray:
-        """Row that maps the state to the process, at each time.
-
-        Parameters
-        ----------
-        time
-            Times, in the unit of time.
-
-        Returns
-        -------
-        Rows [time, family, state]; the same at all times unless the process depends on the
-        clock.
-        """
+        """See `StateSpace.observation_row`."""
         family = np.broadcast_shapes(np.shape(self.period), np.shape(self.edge))
         since = time.reshape(-1, *(1,) * len(family)) - self.edge
         return np.asarray(2.0 * ((since / self.period) % 1.0) - 1.0)[..., None]
 
-    def initial_covariance(self) -> tuple[np.ndarray, Slopes]:
+    def initial_covariance(self) -> np.ndarray:
         """See `Process`."""
         sd, _ = np.broadcast_arrays(self.sd, self.memory)
-        own = np.square(sd)[..., None, None]
-        return own, self._chosen({"sd": 2.0 * own}, own)
+        return np.asarray(np.square(sd)[..., None, None])
 
-    def moves(self, step: np.ndarray) -> tuple[np.ndarray, Slopes]:
-        """Compute the transitions of the state over time steps, and their slopes.
-
-        Parameters
-        ----------
-        step
-            Time steps [time], in the unit of time.
-
-        Returns
-        -------
-        Transitions [time, family, state, state], and their slopes to the logarithms of the free
-        parameters.
-        """
+    def transitions(self, step: np.ndarray) -> np.ndarray:
+        """See `Process`."""
         _, memory = np.broadcast_arrays(self.sd, self.memory)
         gone = step.reshape(-1, *(1,) * np.ndim(memory)) / memory
-        move = np.exp(-gone)[..., None, None]
-        return move, self._chosen({"memory": gone[..., None, None] * move}, move)
+        return np.asarray(np.exp(-gone)[..., None, None])

@@ -10,7 +10,7 @@ import dataclasses
 
 import numpy as np
 
-from slowtime.estimation import sweeps
+from slowtime.estimation.filtering import filtered
 from slowtime.evolution.events import change_detection
 from slowtime.evolution.events.change_detection import RECENT
 from slowtime.evolution.events.known_events import Repair, apply_event
@@ -153,9 +153,9 @@ class ChangeDetector:
             process=outlook.family, jump_sd=JUMP_SD, odds=self.odds
         )
         lifts = [(at, ANYWHERE) for at in self.told if time[0] <= at < time[-1]]
-        belief, _ = sweeps.filtered(
+        belief = filtered(
             outlook.family, time, value, sd, jumps=(*outlook.jumps, *lifts)
-        )
+        ).belief
         self.state = self.watch.start(belief, np.log(outlook.weights))
         found = None
         for reading in self.past[-RECENT:]:

@@ -12,12 +12,10 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.estimation import matern
-from slowtime.estimation.matern import Belief, SlowProcess
+from slowtime.estimation.matern import SlowProcess
+from slowtime.estimation.state_space import Advanced, Belief, lifted, step
 
 Usable = Float[np.ndarray, " usable"]
-Step = tuple[np.ndarray, np.ndarray]
-"""Transition and process noise over a time step, as `SlowProcess.advance` gives them."""
 
 RECENT = 8
 """Readings back to which a jump is looked for."""
@@ -118,7 +116,7 @@ class ChangeDetector:
     def start(
         self, belief: Belief, log_weights: Float[np.ndarray, "*family"] | None = None
     ) -> DetectorState:
-        """Begin from a belief after the history, as `matern.run` gives it.
+        """Begin from a belief after the history, as `filtering.filtered` gives it.
 
         Parameters
         ----------
@@ -158,21 +156,21 @@ class ChangeDetector:
         New state, and the evidence of a change.
         """
         # All beliefs are of the same time.
-        step = self.process.advance(np.array([time - state.process.time]))
+        advanced = self.process.advance(np.array([time - state.process.time]))
         if value != value or sd != sd:
             state = dataclasses.replace(
                 state,
-                process=self.process.step(state.process, time, np.nan, np.nan, step)[0],
-                rivals=self._predicted_belief(state.rivals, time, step),
-                before=self._predicted_belief(state.before, time, step),
+                process=step(self.process, state.process, time, np.nan, np.nan, advanced)[0],
+                rivals=self._predicted_belief(state.rivals, time, advanced),
+                before=self._predicted_belief(state.before, time, advanced),
             )
             return state, LevelChange(False, np.nan, 0.0, np.nan, np.nan)
         kept = slice(int(len(state.since) == RECENT), None)
         old, weights = state.process, state.log_weights
-        rivals = _stacked(state.rivals, kept, matern.lifted(old, self.jump_sd))
-        before = self._predicted_belief(_stacked(state.before, kept, old), time, step)
-        rivals, read = self.process.step(rivals, time, value, sd, step)
-        process, likelihood = self._process_step(old, weights, (time, value, sd), step)
+        rivals = _stacked(state.rivals, kept, lifted(old, self.jump_sd))
+        before = self._predicted_belief(_stacked(state.before, kept, old), time, advanced)
+        rivals, read = step(self.process, rivals, time, value, sd, advanced)
+        process, likelihood = self._process_step(old, weights, (time, value, sd), advanced)
         own = np.concatenate([state.own[kept], weights[None]]) + likelihood
         theirs = np.concatenate([state.theirs[kept], weights[None]]) + read.log_likelihood
         told = weights + likelihood
@@ -215,26 +213,26 @@ class ChangeDetector:
         belief: Belief,
         weights: Float[np.ndarray, "*family"],
         given: tuple[float, float, float],
-        step: Step,
+        advanced: Advanced,
     ) -> tuple[Belief, Float[np.ndarray, "*family"]]:
         """Step of the process, and the likelihood of the reading, outlier or not."""
-        updated, reading = self.process.step(belief, *given, step)
+        updated, reading = step(self.process, belief, *given, advanced)
         wide = np.asarray(reading.spread) + self.jump_sd**2
         outlying = np.log(self.outliers) - 0.5 * (
             np.asarray(reading.residual) ** 2 / wide + np.log(2 * np.pi * wide)
         )
         likelihood = np.asarray(reading.log_likelihood)
         if _log_sum(weights + outlying) > _log_sum(weights + likelihood):
-            passed, _ = self.process.step(belief, given[0], np.nan, np.nan, step)
+            passed, _ = step(self.process, belief, given[0], np.nan, np.nan, advanced)
             return passed, np.asarray(outlying)
         return updated, likelihood
 
     def _predicted_belief(
-        self, belief: Belief | None, time: float, step: Step
+        self, belief: Belief | None, time: float, advanced: Advanced
     ) -> Belief | None:
         if belief is None:
             return None
-        return self.process.step(belief, time, np.nan, np.nan, step)[0]
+        return step(self.process, belief, time, np.nan, np.nan, advanced)[0]
 
     def _judged(self, state: DetectorState) -> LevelChange:
         assert state.rivals is not None

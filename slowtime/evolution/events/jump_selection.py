@@ -1,7 +1,7 @@
 r"""Selection of the jumps of a history: forward selection, backward elimination.
 
 A jump after a reading is a shift of the level of a process. Its gain in log-likelihood follows
-for all readings from one pass there and back (`estimation.sweeps.interventions`), so that no
+for all readings from one pass there and back (`estimation.filtering.Passes`), so that no
 process is fitted anew for a jump that is only tried.
 """
 
@@ -13,8 +13,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import gammaln
 
-from slowtime.estimation.matern import Jump, SlowProcess
-from slowtime.estimation.sweeps import Interventions, Passes
+from slowtime.estimation.filtering import Interventions, Passes
+from slowtime.estimation.matern import SlowProcess
+from slowtime.estimation.state_space import Jump
 
 Usable = Float[np.ndarray, " usable"]
 Places = tuple[int, ...]

@@ -26,8 +26,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import ndtr
 
-from slowtime.estimation.matern import Belief
-from slowtime.estimation.sweeps import Startable
+from slowtime.estimation.state_space import Belief, StateSpace
 
 NOMINAL_SD = 0.02
 """Standard deviation of a relative change just after it was restored [1]: how far workmanship
@@ -65,7 +64,7 @@ class Repair:
     share_sd: float = 0.0
     level_sd: float = NOMINAL_SD
 
-    def met(self, process: Startable, belief: Belief) -> Belief:
+    def met(self, process: StateSpace, belief: Belief) -> Belief:
         """Belief just after the repair.
 
         Parameters
@@ -112,7 +111,7 @@ class Replacement:
     level: float | None = 0.0
     level_sd: float = NOMINAL_SD
 
-    def met(self, process: Startable, belief: Belief) -> Belief:
+    def met(self, process: StateSpace, belief: Belief) -> Belief:
         """Belief before any reading of the new part.
 
         Parameters
@@ -157,7 +156,7 @@ class Measurement:
     value: float
     sd: float
 
-    def met(self, process: Startable, belief: Belief) -> Belief:
+    def met(self, process: StateSpace, belief: Belief) -> Belief:
         """Belief after the inspection.
 
         Parameters
@@ -253,7 +252,7 @@ class Detection:
     detected: bool
     curve: DetectionCurve
 
-    def met(self, process: Startable, belief: Belief) -> Belief:
+    def met(self, process: StateSpace, belief: Belief) -> Belief:
         """Belief after the inspection: mean and variance by quadrature of Bayes' rule.
 
         Parameters
@@ -303,7 +302,7 @@ def is_jump(event: KnownEvent) -> bool:
     return isinstance(event, Repair | Replacement)
 
 
-def apply_event(process: Startable, belief: Belief, event: KnownEvent) -> Belief:
+def apply_event(process: StateSpace, belief: Belief, event: KnownEvent) -> Belief:
     """Belief just after an event, carried on to its time first.
 
     Parameters
@@ -330,7 +329,7 @@ def apply_event(process: Startable, belief: Belief, event: KnownEvent) -> Belief
     return Belief(after.time, after.mean, covariance)
 
 
-def _observation_row(process: Startable, belief: Belief) -> np.ndarray:
+def _observation_row(process: StateSpace, belief: Belief) -> np.ndarray:
     """Give what of the state a reading would see now."""
     return np.asarray(process.observation_row(np.array([belief.time]))[0])
 

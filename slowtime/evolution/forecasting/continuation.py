@@ -12,9 +12,10 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import ndtr
 
-from slowtime.estimation import streaming, sweeps
-from slowtime.estimation.matern import Belief, Jump, SlowProcess
+from slowtime.estimation import filtering
+from slowtime.estimation.matern import SlowProcess
 from slowtime.estimation.processes import Sum
+from slowtime.estimation.state_space import Belief, Jump, predict
 from slowtime.evolution.change import Series, check_level
 from slowtime.evolution.events.known_events import KnownEvent, apply_event
 
@@ -140,14 +141,11 @@ class Continuation:
             raise ValueError(
                 f"A forecast was asked for slow time {horizon_times.min():g}, before the last "
                 f"reading at {self.time:g}. Ask for later times; for the past there is "
-                "slowtime.estimation.matern.smooth."
+                "slowtime.estimation.filtering.smooth."
             )
         kinds = list(self.kinds())
         all_means, all_spreads = zip(
-            *(
-                streaming.predict(process, belief, horizon_times)
-                for process, belief, _ in kinds
-            ),
+            *(predict(process, belief, horizon_times) for process, belief, _ in kinds),
             strict=True,
         )
         weights = np.concatenate([own for _, _, own in kinds])
@@ -267,7 +265,7 @@ def _followed(
             part = tuple(each[first:end] for each in readings)
             places = np.searchsorted(time, [at for at, _ in jumps], "right")
             own = [j for j, k in zip(jumps, places.tolist(), strict=True) if first <= k < end]
-            belief, _ = sweeps.carried(process, belief, *part, jumps=own)
+            belief = filtering.filtered(process, *part, jumps=own, belief=belief).belief
         if event is None or end == len(time):
             break
         belief, first = apply_event(process, belief, event), end

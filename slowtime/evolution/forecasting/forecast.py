@@ -13,9 +13,10 @@ from typing import Literal, TypeAlias
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.estimation import hyperparameters, kernels, sweeps
+from slowtime.estimation import filtering, hyperparameters, kernels
 from slowtime.estimation.hyperparameters import Prior
-from slowtime.estimation.matern import Jump, SlowProcess
+from slowtime.estimation.matern import SlowProcess
+from slowtime.estimation.state_space import Jump
 from slowtime.evolution.change import Series
 from slowtime.evolution.events import jump_selection
 from slowtime.evolution.events.known_events import KnownEvent, is_jump
@@ -244,7 +245,7 @@ def _smooth(
 
     def plain(points: np.ndarray, smoothness: float) -> np.ndarray:
         family = _members(base, smoothness, points)
-        return np.asarray(sweeps.log_likelihood(family, *readings, jumps=told))
+        return np.asarray(filtering.log_likelihood(family, *readings, jumps=told))
 
     net = prior.net(NET)
     scores = {s: plain(net, s) for s in among}
@@ -285,7 +286,7 @@ def _with_jumps(
         top = np.argsort(-found.learnt.weights, kind="stable")[:_SCORING]
         family = _members(found.base, float(found.family.smoothness), found.learnt.points[top])
         before = np.log(found.learnt.weights[top]) - np.asarray(
-            sweeps.log_likelihood(family, time, values, scored.sd, jumps=told)
+            filtering.log_likelihood(family, time, values, scored.sd, jumps=told)
         )
         again, _ = jump_selection.select_jumps(scored, family, before, places)
         moved = [abs(one - other) for one, other in zip(again, places, strict=False)]
@@ -306,9 +307,8 @@ def _further(
         return None
     sds = np.array([jump[1] for jump in smooth.told if jump not in scored.known])
     likeliest = member(smooth.family, int(smooth.learnt.weights.argmax()))
-    found = sweeps.interventions(
-        likeliest, scored.time, scored.value, scored.sd, jumps=smooth.told
-    )
+    passes = filtering.Passes(likeliest, scored.time)
+    found = passes.interventions(scored.value, scored.sd, jumps=smooth.told)
     # Of a jump with variance v beforehand, given all readings: v s, and v - v S v.
     sizes = sds**2 * found.score[0, list(places)]
     mean = float(sizes.mean())

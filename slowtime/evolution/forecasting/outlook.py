@@ -6,8 +6,9 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.estimation.matern import Jump, SlowProcess
+from slowtime.estimation.matern import SlowProcess
 from slowtime.estimation.processes import Process, Sum
+from slowtime.estimation.state_space import Jump
 from slowtime.evolution.change import Series
 
 Usable: TypeAlias = Float[np.ndarray, " usable"]

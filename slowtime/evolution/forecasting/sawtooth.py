@@ -13,11 +13,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import logsumexp
 
-from slowtime.estimation import sweeps
+from slowtime.estimation import filtering
 from slowtime.estimation.hyperparameters import Prior
-from slowtime.estimation.matern import Jump, SlowProcess
+from slowtime.estimation.matern import SlowProcess
 from slowtime.estimation.processes import Sum
 from slowtime.estimation.sawtooth import Sawtooth
+from slowtime.estimation.state_space import Jump
 
 from . import periodicity
 from .parameter_posterior import ParameterPosterior, learn_parameters
@@ -228,7 +229,7 @@ def learn_teeth(
 
     def likelihood(points: np.ndarray, at: Places) -> np.ndarray:
         family = members(base, points, at)
-        return np.asarray(sweeps.log_likelihood(family, *readings, jumps=told))
+        return np.asarray(filtering.log_likelihood(family, *readings, jumps=told))
 
     def of_places(point: np.ndarray) -> np.ndarray:
         return likelihood(np.broadcast_to(point, (len(where), len(point))), where)

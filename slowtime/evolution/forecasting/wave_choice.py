@@ -5,10 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.estimation import sweeps
+from slowtime.estimation import filtering
 from slowtime.estimation.hyperparameters import Prior
-from slowtime.estimation.matern import Jump, SlowProcess
+from slowtime.estimation.matern import SlowProcess
 from slowtime.estimation.processes import Sum
+from slowtime.estimation.state_space import Jump
 
 from . import periodicity, sawtooth
 from .parameter_posterior import learn_parameters
@@ -67,7 +68,7 @@ def learn_periodic_process(
     span = float(time[-1] - time[0])
 
     def likelihood(family: Sum) -> np.ndarray:
-        return np.asarray(sweeps.log_likelihood(family, time, values, sds, jumps=told))
+        return np.asarray(filtering.log_likelihood(family, time, values, sds, jumps=told))
 
     start = periodicity.trial(period, base, smooth, span)
     kinds = (0, periodicity.EDGED) if edges else (0,)

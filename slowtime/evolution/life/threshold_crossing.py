@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.estimation import sweeps
+from slowtime.estimation import filtering
 from slowtime.estimation.matern import SlowProcess
 from slowtime.estimation.processes import Sum
 from slowtime.evolution.change import Series
@@ -258,7 +258,7 @@ def draw_futures_at(
         owners = np.repeat(np.arange(len(own)), mine)
         shocks = _shocks(seed, paths, points + 2, belief.mean.shape[-1])
         rows = slice(first, first + len(owners))
-        drawn.append(sweeps.sample(process, belief, later, owners, shocks[rows]))
+        drawn.append(filtering.sample(process, belief, later, owners, shocks[rows]))
         rough.append(_roughness(process)[owners])
         first += len(owners)
     together = np.concatenate(drawn)

@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from slowtime.dynamics.plant.parameter_names import Name
 from slowtime.dynamics.stochastic import Springs, WhiteForce, simulate
-from slowtime.estimation import matern
+from slowtime.estimation import filtering
 from slowtime.estimation.epochs import Constants
 from slowtime.evolution.change import Series, check_level
 from slowtime.evolution.forecasting import forecast
@@ -83,7 +83,7 @@ class Ageing:
         Mean and interval at each epoch.
         """
         log, sd = self._readings(name)
-        found = matern.smooth(self.outlooks[name].likeliest, self.slow_time, log, sd)
+        found = filtering.smooth(self.outlooks[name].likeliest, self.slow_time, log, sd)
         return self._band(name, found.mean, check_level(level) * found.sd)
 
     def future(

@@ -14,7 +14,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.estimation import streaming, sweeps
+from slowtime.estimation import filtering
 from slowtime.estimation.processes import Constant, Matern, Sum
 from slowtime.evolution.change import Series
 
@@ -157,7 +157,7 @@ def _climb(
             for one, own, noise in zip(experts, responsibility, noises, strict=True)
         )
         foretold = [
-            streaming.leave_one_out(one.process, slow_time, value, noise)
+            filtering.leave_one_out(one.process, slow_time, value, noise)
             for one, noise in zip(experts, noises, strict=True)
         ]
         densities = np.array(
@@ -187,7 +187,7 @@ def _improved(
     logs = expert.process.logs
     steps = np.log(_FACTORS)
     tried = logs + np.array([(a, b) for a in steps for b in steps])
-    likelihood = sweeps.log_likelihood(expert.process.at(tried), slow_time, value, noise)
+    likelihood = filtering.log_likelihood(expert.process.at(tried), slow_time, value, noise)
     process = expert.process.at(tried[int(np.argmax(likelihood))])
     assert isinstance(process, Sum)
     gap = float(np.median(np.diff(slow_time)))
@@ -216,7 +216,7 @@ def _mixed(
     rounds: int,
 ) -> Mixture:
     told = [
-        streaming.smooth(one.process, slow_time, value, noise)
+        filtering.smooth(one.process, slow_time, value, noise)
         for one, noise in zip(experts, noises, strict=True)
     ]
     share = np.exp(log_responsibility)

@@ -16,7 +16,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.estimation import streaming, sweeps
+from slowtime.estimation import filtering
 from slowtime.estimation.hyperparameters import Prior
 from slowtime.estimation.processes import Matern, Sum, Trend, quasi_periodic
 from slowtime.evolution.change import Series
@@ -118,7 +118,7 @@ def additive(slow_time: Series, value: Series, sd: Series) -> SeparatedScales:
 
     def likelihood(kind: Kind, points: np.ndarray) -> np.ndarray:
         family = makers[kind](slow_time, value, points)
-        return np.asarray(sweeps.log_likelihood(family, slow_time, value, sd))
+        return np.asarray(filtering.log_likelihood(family, slow_time, value, sd))
 
     found["rough"] = learn_parameters(lambda points: likelihood("rough", points), rough), rough
     if waving is not None:
@@ -141,7 +141,7 @@ def additive(slow_time: Series, value: Series, sd: Series) -> SeparatedScales:
         _averaged(members, weights, parts, slow_time, value, sd)
         for parts in (range(len(members[0].terms)), (0, 1), range(2, len(members[0].terms)))
     )
-    foretold, spread = streaming.leave_one_out(members[0], slow_time, value, sd)
+    foretold, spread = filtering.leave_one_out(members[0], slow_time, value, sd)
     score = mixture_of_experts.log_density(value, foretold, np.hypot(spread, sd))
     return SeparatedScales(
         slow_time, *whole, *long, *short, kind, members[0], float(np.sum(score))
@@ -181,7 +181,7 @@ def _averaged(
     for one in members:
         taken = np.sum([one.part(i) for i in parts], axis=0) != 0.0
         asked = one.observation_row(slow_time) * taken
-        found.append(streaming.smooth(one, slow_time, value, sd, part=asked))
+        found.append(filtering.smooth(one, slow_time, value, sd, part=asked))
     means, sds = np.array([f.mean for f in found]), np.array([f.sd for f in found])
     mean = weights @ means
     return mean, np.sqrt(weights @ (sds**2 + (means - mean) ** 2))

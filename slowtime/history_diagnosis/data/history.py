@@ -6,7 +6,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.estimation import hyperparameters, matern
+from slowtime.estimation import filtering, hyperparameters
 
 Role = Literal["temperature", "load", "vibration", "other"]
 Series: TypeAlias = Float[np.ndarray, " time"]
@@ -236,7 +236,7 @@ def fill_covariate(time: Series, covariate: Covariate) -> FilledCovariate:
         process = hyperparameters.fit(
             time[learnt], values[learnt], noise_sd[learnt], smoothness=0.5
         ).process
-        smooth = matern.smooth(process, time, values, noise_sd)
+        smooth = filtering.smooth(process, time, values, noise_sd)
         values = np.where(known, values, smooth.mean)
         sd = np.where(known, 0.0, np.minimum(smooth.sd, 1.0))
     return FilledCovariate(

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy import linalg
 
-from slowtime.estimation import kernels, matern
+from slowtime.estimation import filtering, kernels, state_space
 from slowtime.estimation.hyperparameters import fit, quasi_random_points
 from slowtime.estimation.matern import SlowProcess
 
@@ -74,10 +74,10 @@ def test_smoothed_series_and_likelihood_are_those_of_the_dense_process(smoothnes
     process = SlowProcess(smoothness=smoothness, length=4.0, sd=0.8, **mean)
     time, value, sd = series(81)
     expected, expected_sd, likelihood = dense(process, time, value, sd, time)
-    found = matern.smooth(process, time, value, sd)
+    found = filtering.smooth(process, time, value, sd)
     np.testing.assert_allclose(found.mean, expected, atol=1e-8)
     np.testing.assert_allclose(found.sd, expected_sd, atol=1e-8)
-    assert matern.log_likelihood(process, time, value, sd) == pytest.approx(
+    assert filtering.log_likelihood(process, time, value, sd) == pytest.approx(
         likelihood, abs=1e-8
     )
 
@@ -89,8 +89,8 @@ def test_predictions_and_gaps_are_those_of_the_dense_process(smoothness, mean):
     time, value, sd = series(82)
     later = np.array([50.5, 53.0, 90.0])
     expected, expected_sd, _ = dense(process, time, value, sd, later)
-    belief, _ = matern.run(process, time, value, sd)
-    found, found_sd = matern.predict(process, belief, later)
+    belief = filtering.filtered(process, time, value, sd).belief
+    found, found_sd = state_space.predict(process, belief, later)
     np.testing.assert_allclose(found, expected, atol=1e-8)
     np.testing.assert_allclose(found_sd, expected_sd, atol=1e-8)
 
@@ -99,7 +99,7 @@ def test_predictions_and_gaps_are_those_of_the_dense_process(smoothness, mean):
     merged = np.concatenate([time, asked])
     order = np.argsort(merged)
     padded = np.concatenate([value, np.full(len(asked), np.nan)])[order]
-    smoothed = matern.smooth(process, merged[order], padded, np.append(sd, 0 * asked)[order])
+    smoothed = filtering.smooth(process, merged[order], padded, np.append(sd, 0 * asked)[order])
     inside = np.isnan(padded)
     expected, expected_sd, _ = dense(process, time, value, sd, asked)
     np.testing.assert_allclose(smoothed.mean[inside], expected, atol=1e-8)
@@ -122,51 +122,53 @@ def test_the_transition_is_the_exponential_of_the_generator(smoothness):
 def test_readings_one_by_one_give_what_the_whole_series_gives(smoothness):
     process = SlowProcess(smoothness=smoothness, length=4.0, sd=0.8, level_sd=2.0)
     time, value, sd = series(83, count=20)
-    whole, _ = matern.run(process, time, value, sd)
+    whole = filtering.filtered(process, time, value, sd).belief
     belief, likelihoods = process.start(time[0]), []
     for t, y, s in zip(time, value, sd, strict=True):
-        belief, reading = process.step(belief, t, y, s)
+        belief, reading = state_space.step(process, belief, t, y, s)
         likelihoods.append(reading.log_likelihood)
     np.testing.assert_allclose(belief.mean, whole.mean, atol=1e-13)
     np.testing.assert_allclose(belief.covariance, whole.covariance, atol=1e-13)
-    assert sum(likelihoods) == pytest.approx(matern.log_likelihood(process, time, value, sd))
+    assert sum(likelihoods) == pytest.approx(filtering.log_likelihood(process, time, value, sd))
 
 
 def test_a_family_gives_what_each_member_gives():
     time, value, sd = series(84, count=30)
     length, spread_ = np.array([1.0, 4.0, 9.0]), np.array([0.3, 0.8, 2.0])
     family = SlowProcess(length=length, sd=spread_, level_sd=2.0, slope_drift=length / 100)
-    together = matern.log_likelihood(family, time, value, sd)
-    belief, _ = matern.run(family, time, value, sd)
-    means, sds = matern.predict(family, belief, np.array([51.0, 60.0]))
+    together = filtering.log_likelihood(family, time, value, sd)
+    belief = filtering.filtered(family, time, value, sd).belief
+    means, sds = state_space.predict(family, belief, np.array([51.0, 60.0]))
     for i in range(3):
         one = dataclasses.replace(
             family, length=length[i], sd=spread_[i], slope_drift=length[i] / 100
         )
-        alone = matern.run(one, time, value, sd)[0]
-        assert together[i] == pytest.approx(matern.log_likelihood(one, time, value, sd))
-        mean, sd_ = matern.predict(one, alone, np.array([51.0, 60.0]))
+        alone = filtering.filtered(one, time, value, sd).belief
+        assert together[i] == pytest.approx(filtering.log_likelihood(one, time, value, sd))
+        mean, sd_ = state_space.predict(one, alone, np.array([51.0, 60.0]))
         np.testing.assert_allclose(means[i], mean, atol=1e-12)
         np.testing.assert_allclose(sds[i], sd_, atol=1e-12)
 
 
 def test_readings_at_the_same_time_are_as_good_as_their_mean():
     process = SlowProcess(length=4.0, sd=0.8)
-    twice = matern.run(
+    twice = filtering.filtered(
         process, np.array([0.0, 1.0, 1.0]), np.array([0.1, 0.4, 0.6]), np.full(3, 0.2)
-    )
-    once = matern.run(
+    ).belief
+    once = filtering.filtered(
         process, np.array([0.0, 1.0]), np.array([0.1, 0.5]), np.array([0.2, 0.2 / np.sqrt(2)])
-    )
-    np.testing.assert_allclose(twice[0].mean, once[0].mean, atol=1e-14)
-    np.testing.assert_allclose(twice[0].covariance, once[0].covariance, atol=1e-14)
+    ).belief
+    np.testing.assert_allclose(twice.mean, once.mean, atol=1e-14)
+    np.testing.assert_allclose(twice.covariance, once.covariance, atol=1e-14)
 
 
 def test_very_close_readings_do_no_harm_to_the_smoother():
     process = SlowProcess(smoothness=2.5, length=100.0, sd=1.0, level_sd=10.0)
     time = np.cumsum(np.full(300, 1e-4))
     rng = np.random.default_rng(85)
-    found = matern.smooth(process, time, 5 + 0.1 * rng.standard_normal(300), np.full(300, 0.1))
+    found = filtering.smooth(
+        process, time, 5 + 0.1 * rng.standard_normal(300), np.full(300, 0.1)
+    )
     np.testing.assert_allclose(found.mean, 5.0, atol=0.03)
     np.testing.assert_allclose(found.sd, 0.1 / np.sqrt(300), rtol=0.02)
 
@@ -177,7 +179,7 @@ def test_what_is_carried_on_from_a_reading_is_as_small_after_thousands_as_at_fir
     belief = process.start(0.0)
     at_first = len(pickle.dumps(belief))
     for _ in range(4_000):
-        belief, _ = process.step(belief, belief.time + 0.1, 0.3, 0.1)
+        belief, _ = state_space.step(process, belief, belief.time + 0.1, 0.3, 0.1)
     assert len(pickle.dumps(belief)) == at_first
 
 
@@ -199,7 +201,9 @@ def test_hyperparameters_are_found_again_and_no_neighbour_is_likelier(smoothness
                 found.process, **{name: getattr(found.process, name) * factor}
             )
             # the weak prior may move the optimum of the likelihood by a little
-            assert matern.log_likelihood(other, time, value, sd) < found.log_likelihood + 0.05
+            assert (
+                filtering.log_likelihood(other, time, value, sd) < found.log_likelihood + 0.05
+            )
 
 
 @pytest.mark.long
@@ -213,7 +217,7 @@ def test_the_bands_of_the_smoother_cover():
         truth = 2.0 + root @ rng.standard_normal(60)
         sd = rng.uniform(0.1, 0.4, 60)
         value = truth + sd * rng.standard_normal(60)
-        found = matern.smooth(fit(time, value, sd).process, time, value, sd)
+        found = filtering.smooth(fit(time, value, sd).process, time, value, sd)
         inside.append(np.abs(found.mean - truth) <= 1.96 * found.sd)
     assert np.mean(inside) == pytest.approx(0.95, abs=0.025)
 
@@ -241,7 +245,7 @@ def test_what_is_no_process_is_refused_with_the_cure(keywords, cure):
 def test_time_going_back_is_refused():
     process = SlowProcess(length=1.0, sd=1.0)
     with pytest.raises(ValueError, match="ascending order"):
-        process.step(process.start(3.0), 2.0, 0.0, 0.1)
+        state_space.step(process, process.start(3.0), 2.0, 0.0, 0.1)
 
 
 def test_too_few_readings_to_learn_from_are_refused():

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from slowtime.estimation import streaming
+from slowtime.estimation import filtering, state_space
 from slowtime.estimation.processes import Matern
 from slowtime.estimation.sawtooth import Sawtooth
 
@@ -40,15 +40,15 @@ def dense(time, value, sd, at):
 def test_filtered_smoothed_and_foretold_it_is_the_dense_process():
     time, value, sd = series()
     later = np.linspace(30.5, 45.0, 12)
-    belief, _ = streaming.run(WHOLE, time, value, sd)
+    belief = filtering.filtered(WHOLE, time, value, sd).belief
     mean, spread, likelihood = dense(time, value, sd, later)
-    found = streaming.predict(WHOLE, belief, later)
+    found = state_space.predict(WHOLE, belief, later)
     np.testing.assert_allclose(found, (mean, spread), atol=1e-9)
-    assert float(streaming.log_likelihood(WHOLE, time, value, sd)) == pytest.approx(likelihood)
-    smooth = streaming.smooth(WHOLE, time, value, sd)
+    assert float(filtering.log_likelihood(WHOLE, time, value, sd)) == pytest.approx(likelihood)
+    smooth = filtering.smooth(WHOLE, time, value, sd)
     mean, spread, _ = dense(time, value, sd, time)
     np.testing.assert_allclose((smooth.mean, smooth.sd), (mean, spread), atol=1e-9)
-    left_out = streaming.leave_one_out(WHOLE, time, value, sd)
+    left_out = filtering.leave_one_out(WHOLE, time, value, sd)
     rest = np.delete(np.arange(40), 7)
     mean, spread, _ = dense(time[rest], value[rest], sd[rest], time[7:8])
     assert left_out[0][7] == pytest.approx(mean[0])
@@ -57,23 +57,11 @@ def test_filtered_smoothed_and_foretold_it_is_the_dense_process():
 
 def test_one_step_at_a_time_is_the_whole_series():
     time, value, sd = series()
-    stream = streaming.Stream(WHOLE)
-    belief = stream.start(float(time[0]))
+    belief = WHOLE.start(float(time[0]))
     for reading in zip(time.tolist(), value.tolist(), sd.tolist(), strict=True):
-        belief, _ = stream.step(belief, *reading)
-    np.testing.assert_allclose(belief.mean, stream.resume(time, value, sd).mean, atol=1e-12)
-
-
-def test_slopes_of_the_likelihood_are_its_differences():
-    readings = series()
-    slope = streaming.likelihood_and_slopes(WHOLE, *readings)[1]
-    for i, own in enumerate(slope):
-        step = 1e-5 * np.eye(len(slope))[i]
-        up, down = (
-            float(streaming.log_likelihood(WHOLE.at(WHOLE.logs + sign * step), *readings))
-            for sign in (1, -1)
-        )
-        assert own == pytest.approx((up - down) / 2e-5, rel=1e-4, abs=1e-6)
+        belief, _ = state_space.step(WHOLE, belief, *reading)
+    whole = filtering.filtered(WHOLE, time, value, sd).belief
+    np.testing.assert_allclose(belief.mean, whole.mean, atol=1e-12)
 
 
 def test_a_family_is_each_of_its_members_and_futures_fall_at_the_edges():
@@ -81,14 +69,15 @@ def test_a_family_is_each_of_its_members_and_futures_fall_at_the_edges():
         period=np.array([6.3, 5.0]), edge=np.array([2.1, 1.0]), sd=0.8, memory=np.full(2, 40.0)
     )
     time, value, sd = series(20)
-    together = streaming.log_likelihood(family, time, value, sd)
+    together = filtering.log_likelihood(family, time, value, sd)
     for i, own in enumerate(together):
         member = family.member(i)
-        assert own == pytest.approx(float(streaming.log_likelihood(member, time, value, sd)))
-    belief, _ = streaming.run(WHOLE, time, value, sd)
+        assert own == pytest.approx(float(filtering.log_likelihood(member, time, value, sd)))
+    belief = filtering.filtered(WHOLE, time, value, sd).belief
     later = np.array([30.5, 33.5, 33.7, 36.0])
-    mean, spread = streaming.predict(WHOLE, belief, later)
+    mean, spread = state_space.predict(WHOLE, belief, later)
     assert mean[2] < mean[1] - 0.5
-    paths = streaming.sample(WHOLE, belief, later, 8000, np.random.default_rng(62))
+    shocks = np.random.default_rng(62).standard_normal((8000, 5, WHOLE.size))
+    paths = filtering.sample(WHOLE, belief, later, np.zeros(8000, dtype=int), shocks)
     np.testing.assert_allclose(paths.mean(axis=0), mean, atol=0.04)
     np.testing.assert_allclose(paths.std(axis=0), spread, rtol=0.05)

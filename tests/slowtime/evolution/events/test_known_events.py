@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slowtime.estimation.matern import Belief, SlowProcess
+from slowtime.estimation.matern import SlowProcess
+from slowtime.estimation.state_space import Belief
 from slowtime.evolution.events.known_events import (
     RATE_SD,
     Detection,

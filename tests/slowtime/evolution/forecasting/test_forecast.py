@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from slowtime.dynamics.evolution_functions import mass_change
-from slowtime.estimation import kernels, matern
+from slowtime.estimation import filtering, kernels
+from slowtime.estimation.matern import SlowProcess
 from slowtime.evolution.forecasting import forecast
 
 TIME = np.linspace(0, 1000, 126)
@@ -64,7 +65,7 @@ def test_the_weights_stand_for_the_posterior_over_all_processes():
     axes = [c + w * np.linspace(-4, 4, 29) for c, w in zip(prior.centre, prior.sd, strict=True)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     family = forecast._members(base, outlook.family.smoothness, points)
-    logs = matern.log_likelihood(family, time, value, sd) + prior.log_density(points)
+    logs = filtering.log_likelihood(family, time, value, sd) + prior.log_density(points)
     grid = np.exp(logs - logs.max())
     grid /= grid.sum()
     for column, parameter in enumerate(("length", "sd", "slope_drift")):
@@ -86,7 +87,7 @@ def test_the_variance_is_that_within_the_processes_and_that_between_their_means(
     lengths, sds = np.array([3.0, 40.0]), np.array([1.0, 1.0])
 
     def foretold(which, weights):
-        family = matern.SlowProcess(length=lengths[which], sd=sds[which], level_sd=1.0)
+        family = SlowProcess(length=lengths[which], sd=sds[which], level_sd=1.0)
         return forecast.predict(forecast.Outlook(family, weights), *history, later)
 
     whole = foretold([0, 1], weights)

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from slowtime.dynamics.evolution_functions import mass_change
-from slowtime.estimation import matern, streaming
-from slowtime.estimation.matern import Belief, SlowProcess
+from slowtime.estimation import filtering
+from slowtime.estimation.matern import SlowProcess
 from slowtime.estimation.processes import Matern
+from slowtime.estimation.state_space import Belief
 from slowtime.evolution.events import change_detection
 from slowtime.evolution.forecasting import forecast, periodicity, scores
 from slowtime.evolution.forecasting import sawtooth as sawtooth_fit
@@ -226,7 +227,7 @@ def test_the_twin_says_within_five_epochs_that_the_model_has_changed(seed):
     past = TIME[:learnt], value[:learnt], sd[:learnt]
     process = forecast.fit(*past).likeliest
     watch = change_detection.ChangeDetector(process=process, jump_sd=0.1)
-    state = watch.start(matern.run(process, *past)[0])
+    state = watch.start(filtering.filtered(process, *past).belief)
     for k in range(learnt, len(TIME)):
         state, change = watch.step(state, float(TIME[k]), float(value[k]), float(sd[k]))
         if change.noticed:
@@ -245,9 +246,9 @@ def test_false_alarms_are_rarer_than_the_odds_say_and_outliers_raise_none():
     alarms = steps = 0
     for _ in range(6):
         state = watch.start(process.start(0.0))
-        path = streaming.sample(
-            Matern(length=30.0, sd=0.02),
-            Belief(0.0, np.zeros(2), np.diag([4e-4, 4e-4])), np.arange(150.0), 1, rng,
+        path = filtering.sample(
+            Matern(length=30.0, sd=0.02), Belief(0.0, np.zeros(2), np.diag([4e-4, 4e-4])),
+            np.arange(150.0), np.zeros(1, dtype=int), rng.standard_normal((1, 151, 2)),
         )[0]  # fmt: skip
         for k, true in enumerate(path):
             value = float(true + 0.01 * rng.standard_normal())

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from slowtime.dynamics.evolution_functions import mass_change, stiffness_change
-from slowtime.estimation import matern
+from slowtime.estimation import filtering
 from slowtime.estimation.hyperparameters import fit
 from slowtime.evolution.time_scales import mixture_of_experts, separation
 
@@ -31,7 +31,7 @@ def table(count, seeds):
             (fit(time, value, sd, smoothness=s) for s in (0.5, 1.5, 2.5)),
             key=lambda found: found.log_likelihood,
         )
-        single = matern.smooth(one.process, time, value, sd)
+        single = filtering.smooth(one.process, time, value, sd)
         choice = separation.choose(time, value, sd)
         both, mixed = choice.additive, choice.mixture
         rows.append(

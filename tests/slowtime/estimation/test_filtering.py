@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from slowtime.estimation import kernels, matern, streaming, sweeps
+from slowtime.estimation import filtering, kernels, state_space
 from slowtime.estimation.matern import SlowProcess
 from slowtime.estimation.processes import Matern, Trend, quasi_periodic
 from slowtime.estimation.sawtooth import Sawtooth
@@ -45,37 +45,45 @@ def repeating():
 JUMPS = [(20.0, 0.7), (33.3, 0.4), (2.0, 0.1)]
 
 
-@pytest.mark.parametrize("smoothness", [0.5, 1.5, 2.5])
-def test_a_compiled_pass_gives_the_numbers_of_a_step_at_a_time(smoothness):
-    readings = series(1)
-    belief, passed = matern.run(smooth(smoothness), *readings, jumps=JUMPS)
-    found, likelihood = sweeps.filtered(smooth(smoothness), *readings, jumps=JUMPS)
-    np.testing.assert_allclose(found.mean, belief.mean, rtol=1e-9, atol=1e-10)
-    np.testing.assert_allclose(found.covariance, belief.covariance, rtol=1e-8, atol=1e-10)
-    each = np.sum([reading.log_likelihood for reading in passed], axis=0)
-    np.testing.assert_allclose(likelihood, each, rtol=1e-11)
+def one_by_one(process, time, value, sd, jumps):
+    """Belief and log-likelihood by a step at a time, with each jump just before its reading."""
+    belief, total, waiting = process.start(float(time[0])), 0.0, sorted(jumps)
+    for reading in zip(time.tolist(), value.tolist(), sd.tolist(), strict=True):
+        while waiting and waiting[0][0] < reading[0]:
+            belief = state_space.lifted(belief, waiting.pop(0)[1])
+        belief, met = state_space.step(process, belief, *reading)
+        total = total + met.log_likelihood
+    return belief, total
 
 
-def test_processes_that_go_by_the_clock_are_passed_as_well():
+@pytest.mark.parametrize(
+    "process",
+    [smooth(0.5), smooth(1.5), smooth(2.5), repeating()],
+    ids=["rough", "once", "twice", "repeating"],
+)
+def test_a_compiled_pass_gives_the_numbers_of_a_step_at_a_time(process):
     readings = series(2)
-    belief, _ = streaming.run(repeating(), *readings, jumps=JUMPS)
-    found, likelihood = sweeps.filtered(repeating(), *readings, jumps=JUMPS)
-    np.testing.assert_allclose(found.mean, belief.mean, rtol=1e-8, atol=1e-10)
-    np.testing.assert_allclose(found.covariance, belief.covariance, rtol=1e-7, atol=1e-9)
-    np.testing.assert_allclose(
-        likelihood, streaming.log_likelihood(repeating(), *readings, jumps=JUMPS), rtol=1e-10
-    )
+    belief, likelihood = one_by_one(process, *readings, JUMPS)
+    found = filtering.filtered(process, *readings, jumps=JUMPS, innovations=True)
+    np.testing.assert_allclose(found.belief.mean, belief.mean, rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(found.belief.covariance, belief.covariance, rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(found.log_likelihood, likelihood, rtol=1e-10)
+    heard = np.isfinite(found.spread)
+    assert (heard == np.isfinite(readings[1])).all()
+    each = found.residual**2 / found.spread + np.log(2 * np.pi * found.spread)
+    told = -0.5 * np.where(heard, each, 0.0).sum(axis=1)
+    np.testing.assert_allclose(told, likelihood, rtol=1e-10)
 
 
 @pytest.mark.parametrize("process", [smooth(2.5), repeating()], ids=["smooth", "repeating"])
 def test_where_a_series_is_cut_changes_nothing_to_the_last_bit(process):
     time, value, sd = series(3)
-    whole, _ = sweeps.filtered(process, time, value, sd)
+    whole = filtering.filtered(process, time, value, sd).belief
     for cuts in ([1], [30], [13, 14, 40], range(1, 60)):
         parts = [np.split(x, list(cuts)) for x in (time, value, sd)]
         belief = process.start(float(time[0]))
         for part in zip(*parts, strict=True):
-            belief, _ = sweeps.carried(process, belief, *part)
+            belief = filtering.filtered(process, *part, belief=belief).belief
         np.testing.assert_array_equal(belief.mean, whole.mean)
         np.testing.assert_array_equal(belief.covariance, whole.covariance)
 
@@ -104,7 +112,7 @@ def test_all_places_of_a_jump_are_scored_as_dense_matrices_score_each(smoothness
     """The gain at a place is that of a covariance that has grown by its step, of rank one."""
     time, value, sd = series(4)
     process, tau = smooth(smoothness), 0.8
-    found = sweeps.interventions(process, time, value, sd, jumps=jumps)
+    found = filtering.Passes(process, time).interventions(value, sd, jumps=jumps)
     gain = found.gain(tau)
     seen = np.isfinite(value)
     for member in range(3):
@@ -135,10 +143,10 @@ def test_all_places_of_a_jump_are_scored_as_dense_matrices_score_each(smoothness
 def test_what_is_lost_without_a_jump_is_what_it_had_gained():
     time, value, sd = series(5)
     process = smooth()
-    without = sweeps.interventions(process, time, value, sd)
+    without = filtering.Passes(process, time).interventions(value, sd)
     for place in (3, 25, 50):
         jump = [(float(time[place - 1]), 0.6)]
-        given = sweeps.interventions(process, time, value, sd, jumps=jump)
+        given = filtering.Passes(process, time).interventions(value, sd, jumps=jump)
         np.testing.assert_allclose(
             given.loss(0.6)[:, place], without.gain(0.6)[:, place], atol=1e-8
         )
@@ -146,11 +154,11 @@ def test_what_is_lost_without_a_jump_is_what_it_had_gained():
 
 @pytest.mark.parametrize("process", [smooth(2.5), repeating()], ids=["smooth", "repeating"])
 def test_futures_have_the_mean_and_spread_that_are_foretold(process):
-    belief, _ = sweeps.filtered(process, *series(6))
+    belief = filtering.filtered(process, *series(6)).belief
     later = np.linspace(belief.time, belief.time + 15.0, 4)
     owners = np.repeat(np.arange(3), 4000)
     shocks = np.random.default_rng(7).standard_normal((12000, 5, belief.mean.shape[-1]))
-    paths = sweeps.sample(process, belief, later, owners, shocks).reshape(3, 4000, 4)
-    mean, spread = matern.predict(process, belief, later)
+    paths = filtering.sample(process, belief, later, owners, shocks).reshape(3, 4000, 4)
+    mean, spread = state_space.predict(process, belief, later)
     np.testing.assert_allclose(paths.mean(axis=1), mean, atol=5.0 * spread.max() / 4000**0.5)
     np.testing.assert_allclose(paths.std(axis=1), spread, rtol=0.06)

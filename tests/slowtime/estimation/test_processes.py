@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import linalg
 
-from slowtime.estimation import matern, streaming
+from slowtime.estimation import filtering, state_space
 from slowtime.estimation.matern import SlowProcess
 from slowtime.estimation.processes import (
     Constant,
@@ -62,17 +62,17 @@ def test_filtered_smoothed_and_foretold_it_is_the_dense_process(name):
     merged = np.concatenate([time, at])
     order = np.argsort(merged)
     padded = np.append(value, np.full(3, np.nan))[order]
-    found = streaming.smooth(process, merged[order], padded, np.append(sd, np.ones(3))[order])
+    found = filtering.smooth(process, merged[order], padded, np.append(sd, np.ones(3))[order])
     asked = np.isnan(padded)
     mean, variance, likelihood = dense(process, time, value, sd, np.sort(at))
     np.testing.assert_allclose(found.mean[asked], mean, atol=1e-8)
     np.testing.assert_allclose(found.sd[asked] ** 2, variance, atol=1e-8)
-    assert streaming.log_likelihood(process, time, value, sd) == pytest.approx(
+    assert filtering.log_likelihood(process, time, value, sd) == pytest.approx(
         likelihood, abs=1e-8
     )
     later = time[-1] + np.array([0.0, 0.7, 12.0, 90.0])
-    belief, _ = streaming.run(process, time, value, sd)
-    mean, spread = streaming.predict(process, belief, later)
+    belief = filtering.filtered(process, time, value, sd).belief
+    mean, spread = state_space.predict(process, belief, later)
     expected, variance, _ = dense(process, time, value, sd, later)
     np.testing.assert_allclose(mean, expected, atol=1e-8)
     np.testing.assert_allclose(spread**2, variance, atol=1e-8)
@@ -83,7 +83,7 @@ def test_each_reading_is_foretold_by_the_others_as_the_dense_process_does(name):
     process = PROCESSES[name]
     time, value, sd = series(30, 25)
     value[7] = np.nan
-    mean, spread = streaming.leave_one_out(process, time, value, sd)
+    mean, spread = filtering.leave_one_out(process, time, value, sd)
     for i in (0, 6, 7, 24):
         kept = np.isfinite(value) & (np.arange(25) != i)
         expected, variance, _ = dense(
@@ -131,7 +131,7 @@ def test_at_five_hundred_readings_it_is_scikit_learn_s_process_to_eight_digits(n
     peer.fit(time[:, None], value)
     later = time[-1] + np.linspace(0.1, 40.0, 20)
     mean, spread = peer.predict(np.append(time, later)[:, None], return_std=True)
-    smoothed = streaming.smooth(
+    smoothed = filtering.smooth(
         process,
         np.append(time, later),
         np.append(value, np.full(20, np.nan)),
@@ -139,47 +139,21 @@ def test_at_five_hundred_readings_it_is_scikit_learn_s_process_to_eight_digits(n
     )
     np.testing.assert_allclose(smoothed.mean, mean, atol=1e-8)
     np.testing.assert_allclose(smoothed.sd**2, spread**2, atol=1e-8)
-    likelihood = streaming.log_likelihood(process, time, value, sd)
+    likelihood = filtering.log_likelihood(process, time, value, sd)
     assert likelihood == pytest.approx(peer.log_marginal_likelihood_value_, abs=1e-8)
-
-
-@EVERY
-def test_slopes_of_the_likelihood_are_its_differences(name):
-    process = PROCESSES[name]
-    time, value, sd = series(23, 25)
-    value[4] = np.nan
-    total, slopes = streaming.likelihood_and_slopes(process, time, value, sd)
-    assert total == pytest.approx(
-        float(streaming.log_likelihood(process, time, value, sd)), abs=1e-9
-    )
-    logs = process.logs
-    for i in range(len(logs)):
-        step = 1e-5 * np.eye(len(logs))[i]
-        above, below = (
-            streaming.log_likelihood(process.at(logs + sign * step), time, value, sd)
-            for sign in (1, -1)
-        )
-        assert slopes[i] == pytest.approx((above - below) / 2e-5, rel=1e-4, abs=1e-6)
 
 
 def test_a_trend_that_wanders_is_that_of_the_slow_process():
     process = Trend(level_sd=3.0, slope_sd=0.5, drift=0.05) + Matern(length=4.0, sd=0.8)
     slow = SlowProcess(length=4.0, sd=0.8, level_sd=3.0, slope_sd=0.5, slope_drift=0.05)
     time, value, sd = series(24, 40)
-    both = streaming.smooth(process, time, value, sd, part=process.part(0))
-    theirs = matern.smooth(slow, time, value, sd)
-    np.testing.assert_allclose(both.mean, theirs.trend, atol=1e-9)
-    np.testing.assert_allclose(both.sd, theirs.trend_sd, atol=1e-9)
-    assert streaming.log_likelihood(process, time, value, sd) == pytest.approx(
-        matern.log_likelihood(slow, time, value, sd), abs=1e-9
+    both = filtering.smooth(process, time, value, sd, part=process.part(0))
+    level = np.array([1.0, 0.0, 0.0, 0.0])
+    theirs = filtering.smooth(slow, time, value, sd, part=level)
+    np.testing.assert_allclose(both, theirs, atol=1e-9)
+    assert filtering.log_likelihood(process, time, value, sd) == pytest.approx(
+        filtering.log_likelihood(slow, time, value, sd), abs=1e-9
     )
-    logs, found = process.logs, streaming.likelihood_and_slopes(process, time, value, sd)[1]
-    step = np.array([1e-5, 0.0, 0.0])
-    above, below = (
-        streaming.log_likelihood(process.at(logs + sign * step), time, value, sd)
-        for sign in (1, -1)
-    )
-    assert found[0] == pytest.approx((above - below) / 2e-5, rel=1e-4)
 
 
 @EVERY
@@ -189,55 +163,37 @@ def test_a_family_is_each_of_its_members(name):
     time, value, sd = series(25, 12)
     if "periodic" in name or "products" in name:
         pytest.skip("members would have unlike numbers of harmonics")
-    together = streaming.log_likelihood(process.at(logs), time, value, sd)
+    together = filtering.log_likelihood(process.at(logs), time, value, sd)
     for own, member in zip(together, logs, strict=True):
         assert own == pytest.approx(
-            float(streaming.log_likelihood(process.at(member), time, value, sd))
+            float(filtering.log_likelihood(process.at(member), time, value, sd))
         )
 
 
 @EVERY
 def test_a_stream_kept_on_disk_and_cut_anywhere_goes_on_the_same(name):
-    stream = streaming.Stream(PROCESSES[name])
+    process = PROCESSES[name]
     time, value, sd = series(26, 30)
     value[3] = np.nan
-    whole = stream.resume(time, value, sd)
-    belief = stream.resume(time[:17], value[:17], sd[:17])
+    whole = filtering.filtered(process, time, value, sd).belief
+    belief = filtering.filtered(process, time[:17], value[:17], sd[:17]).belief
     belief = pickle.loads(pickle.dumps(belief))
     for t, y, s in zip(time[17:], value[17:], sd[17:], strict=True):
-        belief, reading = stream.step(belief, float(t), float(y), float(s))
+        belief, reading = state_space.step(process, belief, float(t), float(y), float(s))
         assert reading.variance > 0
     np.testing.assert_allclose(belief.mean, whole.mean, atol=1e-12)
     np.testing.assert_allclose(belief.covariance, whole.covariance, atol=1e-12)
     assert np.linalg.eigvalsh(belief.covariance).min() > -1e-12
 
 
-@pytest.mark.long
-def test_what_was_learnt_is_likelier_than_what_it_came_from_and_near_the_truth():
-    rng = np.random.default_rng(27)
-    truth = Matern(length=6.0, sd=0.8) + Cosine(period=11.0, sd=1.0)
-    time = np.sort(rng.uniform(0, 150, 150))
-    root = np.linalg.cholesky(truth.covariance(time[:, None] - time) + 1e-9 * np.eye(len(time)))
-    sd = np.full(150, 0.1)
-    value = root @ rng.standard_normal(150) + 0.1 * rng.standard_normal(150)
-    guess = Matern(length=15.0, sd=0.5) + Cosine(period=10.6, sd=0.5)
-    narrow = np.array([1.4, 1.4, 0.1, 1.4])
-    found = streaming.fit(guess, time, value, sd, prior_sd=narrow, starts=2)
-    assert found.log_likelihood > streaming.log_likelihood(guess, time, value, sd)
-    assert found.log_likelihood >= streaming.log_likelihood(truth, time, value, sd) - 1.0
-    assert np.exp(found.process.logs)[2] == pytest.approx(11.0, rel=0.03)
-    slope = streaming.likelihood_and_slopes(found.process, time, value, sd)[1]
-    pull = (found.process.logs - guess.logs) / narrow**2
-    np.testing.assert_allclose(slope, pull, atol=0.05)
-
-
 def test_futures_drawn_have_the_moments_foretold():
     process = PROCESSES["sum"]
     time, value, sd = series(28, 20)
-    belief, _ = streaming.run(process, time, value, sd)
+    belief = filtering.filtered(process, time, value, sd).belief
     later = time[-1] + np.array([1.0, 4.0, 9.0])
-    mean, spread = streaming.predict(process, belief, later)
-    paths = streaming.sample(process, belief, later, 20_000, np.random.default_rng(29))
+    mean, spread = state_space.predict(process, belief, later)
+    shocks = np.random.default_rng(29).standard_normal((20_000, 4, process.size))
+    paths = filtering.sample(process, belief, later, np.zeros(20_000, dtype=int), shocks)
     np.testing.assert_allclose(paths.mean(axis=0), mean, atol=0.03)
     np.testing.assert_allclose(paths.std(axis=0), spread, rtol=0.03)
 
@@ -247,10 +203,10 @@ def test_a_jump_lets_the_level_go_elsewhere():
     time = np.arange(40.0)
     value = np.where(time > 19, 3.0, 0.0)
     sd = np.full(40, 0.05)
-    told = streaming.smooth(process, time, value, sd, jumps=[(19.0, 10.0)])
+    told = filtering.smooth(process, time, value, sd, jumps=[(19.0, 10.0)])
     assert told.mean[19] == pytest.approx(0.0, abs=0.06)
     assert told.mean[20] == pytest.approx(3.0, abs=0.06)
-    untold = streaming.smooth(process, time, value, sd)
+    untold = filtering.smooth(process, time, value, sd)
     assert abs(untold.mean[20] - 3.0) > 0.3
 
 
@@ -269,9 +225,9 @@ def test_what_is_no_process_is_refused_with_the_cure(make, cure):
 
 
 def test_time_going_back_is_refused():
-    stream = streaming.Stream(PROCESSES["sum"])
+    process = PROCESSES["sum"]
     with pytest.raises(ValueError, match="ascending order"):
-        stream.step(stream.start(3.0), 2.0, 0.0, 0.1)
+        state_space.step(process, process.start(3.0), 2.0, 0.0, 0.1)
 
 
 @EVERY
@@ -279,29 +235,19 @@ def test_step_by_step_it_is_the_whole_series_and_a_family_of_one(name):
     process = PROCESSES[name]
     time, value, sd = series(33, 40)
     time[17], value[9] = time[16], np.nan
-    stream = streaming.Stream(process)
-    belief = stream.start(float(time[0]))
+    belief = process.start(float(time[0]))
     one = process.at(process.logs[None])
-    family = streaming.Stream(one).start(float(time[0]))
+    family = one.start(float(time[0]))
     for t, y, s in zip(time.tolist(), value.tolist(), sd.tolist(), strict=True):
-        belief, read = stream.step(belief, t, y, s)
-        family, also = streaming.Stream(one).step(family, t, y, s)
+        belief, read = state_space.step(process, belief, t, y, s)
+        family, also = state_space.step(one, family, t, y, s)
         assert read.log_likelihood == pytest.approx(
             float(np.ravel(also.log_likelihood)[0]), abs=1e-9
         )
         assert read.spread == pytest.approx(float(np.ravel(also.spread)[0]), abs=1e-9)
-    whole, _ = streaming.run(process, time, value, sd)
+    whole = filtering.filtered(process, time, value, sd).belief
     for found in (whole.mean, family.mean[0]):
         np.testing.assert_allclose(belief.mean, found, atol=1e-9)
     for found in (whole.covariance, family.covariance[0]):
         np.testing.assert_allclose(belief.covariance, found, atol=1e-9)
     assert np.linalg.eigvalsh(belief.covariance).min() > -1e-12
-
-
-@EVERY
-@pytest.mark.parametrize("step", [0.0, 1e-3, 0.7, 30.0])
-def test_a_transition_over_one_step_is_that_of_many(name, step):
-    process = PROCESSES[name]
-    np.testing.assert_allclose(
-        process.transition_over(step), process.moves(np.array([step]))[0][0], atol=1e-13
-    )
