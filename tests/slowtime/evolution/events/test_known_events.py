@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slowtime.estimation.matern import SlowProcess
-from slowtime.estimation.state_space import Belief
+from slowtime.estimation.state_space import Belief, step
 from slowtime.evolution.events.known_events import (
     RATE_SD,
     Detection,
@@ -46,7 +46,7 @@ def damaged(seed: int = 0, count: int = 31) -> Belief:
     belief = PROCESS.start(0.0)
     for time in np.arange(float(count)):
         value = -0.004 * time + 0.004 * rng.standard_normal()
-        belief, _ = PROCESS.step(belief, float(time), float(value), 0.004)
+        belief, _ = step(PROCESS, belief, float(time), float(value), 0.004)
     return belief
 
 
@@ -79,7 +79,7 @@ def test_a_repair_has_the_moments_of_sampled_repairs(share, share_sd):
 def test_a_measured_value_enters_as_a_reading_does():
     before = damaged()
     told = apply_event(PROCESS, before, Measurement(time=32.0, value=-0.1, sd=0.01))
-    read, _ = PROCESS.step(before, 32.0, -0.1, 0.01)
+    read, _ = step(PROCESS, before, 32.0, -0.1, 0.01)
     np.testing.assert_allclose(told.mean, read.mean, rtol=1e-9)
     np.testing.assert_allclose(told.covariance, read.covariance, rtol=1e-7, atol=1e-15)
 
