@@ -139,11 +139,13 @@ class Segments:
         reach = reached_by_shortlist(given.shortlist)
         # Where the best leaves noise only, what is missing is only that.
         alone = told[0].cost < LIMITS.segment_chi2 * given.before.data
+        # A clock is a delay within a segment: whole records may tell more, and are asked, too.
+        whole = min((_share_left(one) for one in given.shortlist), default=1.0)
         return Proposal(
             self.name,
             # What is left of segments is no measure for what a law leaves along a force.
             tuple(dataclasses.replace(one, cost=min(one.cost, reach)) for one in told),
-            only=self.only,
+            only=self.only and _share_left(told[0]) < whole,
             begins=label_of(told[0].effect),
             shot=tuple(told) if alone else (),
         )
@@ -155,10 +157,15 @@ class Segments:
             least = min((one.cost for one in given.shortlist), default=0.0)
             return least <= LIMITS.far_off_chi2 * given.before.data
         earlier = given.of(self.name)
-        if earlier is not None and earlier.only:
+        if earlier is not None and (earlier.only or earlier.candidates):
             return True  # they were fitted before anything else was
         best = given.best()
         return best is not None and best.chi2_in_band <= LIMITS.far_off_chi2
+
+
+def _share_left(one: Candidate) -> float:
+    """Share of the misfit that a law leaves, of segments or along a force [1]."""
+    return one.cost / one.cost_without if one.cost_without > 0.0 else 1.0
 
 
 class _SegmentSearch:

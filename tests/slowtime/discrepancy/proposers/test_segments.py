@@ -281,8 +281,16 @@ def test_segments_are_asked_first_where_no_force_explains_what_is_missing(stop):
     (told,) = proposal.candidates
     assert proposal.only
     assert proposal.begins == label_of(told.effect) == label_of(STOP)
+    # Where the shortlist leaves a smaller share of whole records, it is fitted as well: within
+    # a segment a clock that runs fast is a sensor that is late.
+    better = dataclasses.replace(far.shortlist[0], cost_without=1e9 * far.shortlist[0].cost)
+    both = first(dataclasses.replace(far, shortlist=(better,)))
+    assert [label_of(one.effect) for one in both.candidates] == [label_of(told.effect)]
+    assert not both.only
     # Once asked, they are not asked again, nor where other candidates stand in place already.
     with metered() as meter:
+        beside = dataclasses.replace(far, proposals=(both,))
+        assert Segments(shoot=shooting_fit)(beside).candidates == ()
         again = dataclasses.replace(far, proposals=(proposal,))
         assert Segments(shoot=shooting_fit)(again).candidates == ()
         clocks = Proposal("sensor clocks", (told,), only=True)
