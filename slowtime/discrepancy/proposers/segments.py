@@ -17,7 +17,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import numpy as np
 
 from slowtime.discrepancy.calibration import (
-    BREAKDOWNS,
     Fit,
     FitAbandoned,
     FitControl,
@@ -272,15 +271,15 @@ class _SegmentSearch:
         parts = strongest_segments(self._before.plant, self._trials, count, share)
         return parts, self._shot(None, parts, FitControl(is_late=self.is_late))
 
-    def attempt(
+    def shot_with(
         self, effect: Effect, parts: Sequence[Trial], cost_to_beat: float
     ) -> Attempt[Fit | None]:
-        """Fit pieces with one more effect, and keep what was compared; None if it diverges."""
+        """Fit pieces with one more effect, and keep what was compared."""
         compared: list[Comparison] = []
         control = FitControl(cost_to_beat=cost_to_beat, is_late=self.is_late, compared=compared)
-        fit = None
-        with contextlib.suppress(*BREAKDOWNS):
-            fit = self._shot(effect, parts, control)
+        fit = attempt(self._shot, effect, parts, control)
+        if fit is None and self.is_late():
+            raise FitAbandoned
         return Attempt(fit, tuple(compared))
 
     def shared_objects(self, parts: Sequence[Trial]) -> tuple[object, ...]:
@@ -354,7 +353,9 @@ class _Shots:
         self._ahead.drop()
 
     def _attempt(self, number: int, beat: float) -> Callable[[], Attempt[Fit | None]]:
-        return functools.partial(self._search.attempt, self._effects[number], self._parts, beat)
+        return functools.partial(
+            self._search.shot_with, self._effects[number], self._parts, beat
+        )
 
 
 def _rides(kind: Kind) -> bool:

@@ -14,7 +14,6 @@ from jaxtyping import Float
 from slowtime.discrepancy.calibration import (
     Fit,
     FitControl,
-    attempt,
     try_refit,
 )
 from slowtime.discrepancy.calibration.augmentation import map_states, simulated_chi2
@@ -122,8 +121,7 @@ def _with(
     )  # fmt: skip
     if other is None:
         return None
-    other = attempt(refine_switching_instant, other, trials, kinds, fit.cost, np.inf, at)
-    return other if other is not None and np.isfinite(other.cost) else None
+    return refine_switching_instant(other, trials, kinds, fit.cost, np.inf, at)
 
 
 def _as_strong(
