@@ -178,10 +178,10 @@ def fault_of(
     return dataclasses.replace(quoted(effect, numbers, kind, 0.99), sentence=finding.sentence)
 
 
-def verdict_of(answers: Sequence[NamedEffect], kinds: Mapping[str, Kind]) -> Verdict:
+def verdict_of(answers: Sequence[NamedEffect]) -> Verdict:
     """One word for what was named: physics first."""
-    where = {kinds[a.effect.kind].where for a in answers}
-    if where & {"element", "node", "base"}:
+    where = {a.effect.place.kind for a in answers}
+    if not where <= {"sensor", "input"}:
         return "missing_effect"
     return "sensor_fault" if "sensor" in where else "input_fault"
 
