@@ -100,13 +100,7 @@ def shooting_fit(
 
 
 def _outlying_segments(left: Sequence[float]) -> list[int]:
-    """Numbers of segments whose misfit is far above the median: they are in a wrong minimum.
-
-    Parameters
-    ----------
-    left
-        Chi squared of each over its samples. Of a wrong law most are large.
-    """
+    """Numbers of segments whose misfit is far above the median: they are in a wrong minimum."""
     bar = OUTLYING_RATIO * max(float(np.median(left)), 1.0)
     return [i for i, one in enumerate(left) if one > bar]
 

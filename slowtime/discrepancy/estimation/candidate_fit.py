@@ -434,21 +434,7 @@ def fit_candidates(
     shooting: bool = False,
     over: Callable[[], bool] = bool,
 ) -> list[FittedCandidate]:
-    """Fit each candidate to the free run; all judged by the noise that the best leaves.
-
-    Parameters
-    ----------
-    tick
-        As in `Fitting`.
-    shooting
-        Whether each is fitted to segments of the records first.
-    over
-        Once true, the best is left in the minimum in which it is.
-
-    Returns
-    -------
-    One fit for each label, the most probable first.
-    """
+    """Fit each candidate to the free run; all judged by the noise that the best leaves."""
     fitting = Fitting(before=before, trials=trials, kinds=kinds, tick=tick, shooting=shooting)
     return fitting.fit(candidates).ranked(over)
 

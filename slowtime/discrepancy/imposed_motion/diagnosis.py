@@ -101,17 +101,7 @@ def diagnose_imposed_motion(
     kinds: Mapping[str, Kind],
     monitor: Monitor,
 ) -> Diagnosis:
-    """Name the law of an element from the force that an imposed motion took.
-
-    Parameters
-    ----------
-    campaign
-        Model of one spring, and records of its motion and force.
-
-    Returns
-    -------
-    The diagnosis; errors are those of the force.
-    """
+    """Name the law of an element from the force that an imposed motion took."""
     given = campaign.description
     rig = rig_of(given)
     assert rig is not None

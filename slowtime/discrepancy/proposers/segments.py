@@ -228,13 +228,7 @@ class _SegmentSearch:
     def _fitted(
         self, labels: Sequence[Candidate], parts: Sequence[Trial], bare: Fit, most: float
     ) -> list[tuple[Candidate, Fit]]:
-        """Fit each law to pieces; give those that explain them, the best first.
-
-        Parameters
-        ----------
-        bare, most
-            Their fit without it, and the share of what that leaves that a law may.
-        """
+        """Fit each law to pieces; give those that explain them, the best first."""
         data = self._before.data
         found: dict[Label, tuple[Candidate, Fit]] = {}
         least = most * bare.cost
@@ -326,13 +320,7 @@ class _Shots:
         )
 
     def take(self, count: int, least: float) -> list[Fit]:
-        """Fit the next few effects; give the fits that ended.
-
-        Parameters
-        ----------
-        least
-            The least cost so far; near it, fits go on to their end.
-        """
+        """Fit the next few effects; give the fits that ended."""
         found = []
         for number in range(self._count, self._count + count):
             if self._search.is_late():

@@ -97,13 +97,7 @@ def _with(
     kinds: Mapping[str, Kind],
     late: Callable[[], bool],
 ) -> Fit | None:
-    """Refit a model with one of its effects at another place; None where that is worse.
-
-    Parameters
-    ----------
-    fit
-        What it has to be better than.
-    """
+    """Refit a model with one of its effects at another place; None where that is worse."""
     last, trials = hypothesis.last, hypothesis.trials
     description = last.plant.description
     at = len(description.effects) - len(hypothesis.effects) + number

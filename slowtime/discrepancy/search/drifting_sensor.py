@@ -53,13 +53,7 @@ def _by_the_others(
     number: int,
     grow: Grow,
 ) -> tuple[Hypothesis, Fit]:
-    """Look for what is missing beside a sensor that drifts, by all that the others say.
-
-    Returns
-    -------
-    The hypothesis, and the fit that the drift is added to: `before` where there are no other
-    sensors, or nothing else is missing.
-    """
+    """Look for what is missing beside a sensor that drifts, by all that the others say."""
     place = drift.effect.place
     trials = without_sensor(before, found.trials, place.id)
     # What the sensor was said to be off by was the mean of its drift.
