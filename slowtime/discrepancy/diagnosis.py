@@ -26,7 +26,7 @@ Verdict = Literal[
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Number:
-    """A parameter that was estimated, in its unit."""
+    """A parameter that was estimated, in its unit; "1" is that of a ratio."""
 
     value: float
     sd: float
@@ -43,15 +43,16 @@ class Number:
         >>> Number(1.2345e7, 650.0, "N/m^3").text
         '1.2345e+07 ± 6.5e+02 N/m^3'
         """
+        unit = "" if self.unit == "1" else self.unit
         if not self.sd > 0:
-            return f"{self.value:.6g} {self.unit}".rstrip()
+            return f"{self.value:.6g} {unit}".rstrip()
         places = 1 - math.floor(math.log10(self.sd))
         if 0 <= places <= 6 and abs(self.value) < 1e6:
             text = f"{self.value:.{places}f} ± {self.sd:.{places}f}"
         else:
             digits = math.floor(math.log10(max(abs(self.value) / self.sd, 1.0))) + 2
             text = f"{self.value:.{max(min(digits, 8), 2)}g} ± {self.sd:.2g}"
-        return f"{text} {self.unit}".rstrip()
+        return f"{text} {unit}".rstrip()
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -296,8 +297,8 @@ class MeasuredForce:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Diagnosis:
-    """The answer.
+class Answer:
+    """What is said alike of the records of a campaign and of a history of features.
 
     Parameters
     ----------
@@ -313,6 +314,26 @@ class Diagnosis:
         What would decide; None where all is decided.
     nothing_probability
         That the nominal model, refitted within its tolerances, lacks nothing.
+    residual_white, white_p_value
+        Whether what remains looks like the noise that the sensors have anyway.
+    """
+
+    verdict: Verdict
+    sentence: str
+    effects: tuple[NamedEffect, ...]
+    undecided: tuple[Rival, ...]
+    experiment: Experiment | None
+    nothing_probability: float
+    residual_white: bool
+    white_p_value: float
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Diagnosis(Answer):
+    """The answer of a campaign; fields that are not told here are those of `Answer`.
+
+    Parameters
+    ----------
     moved
         Constants of the model that left their tolerance, with new values.
     where
@@ -321,8 +342,6 @@ class Diagnosis:
         Of the screening of channels.
     chi2_per_datum
         Mean square of what the last fit leaves, over the noise; 1 is as good as can be.
-    residual_white, white_p_value
-        Whether what remains looks like the noise that the sensors have anyway.
     nominal, refitted, augmented
         Models; `augmented` has the effects in. It is the nominal one where the effect is
         unknown, and a fit does worse on what was held out.
@@ -336,20 +355,12 @@ class Diagnosis:
         Of computing; filled in by what ran it, for there is no clock here.
     """
 
-    verdict: Verdict
-    sentence: str
-    effects: tuple[NamedEffect, ...]
-    undecided: tuple[Rival, ...]
-    experiment: Experiment | None
-    nothing_probability: float
     moved: Mapping[str, Number]
     where: tuple[Suspect, ...]
     when: When
     findings: tuple[Finding, ...]
     gap: Gap
     chi2_per_datum: float
-    residual_white: bool
-    white_p_value: float
     nominal: Description
     refitted: Description
     augmented: Description

@@ -14,17 +14,6 @@ def solve_semidefinite(
 ) -> Float[np.ndarray, " own"]:
     """Solve for a symmetric matrix that is positive definite but for rounding.
 
-    Parameters
-    ----------
-    matrix
-        (own, own), scaled to a diagonal of about one.
-    right
-        (own,), in the same scale.
-
-    Returns
-    -------
-    The solution (own,); directions in which the matrix is singular keep what a ridge leaves.
-
     Raises
     ------
     numpy.linalg.LinAlgError

@@ -44,15 +44,7 @@ class Workers(Protocol):
     def begin(
         self, function: Callable[[], Counted[Result]], shared: Sequence[object]
     ) -> Pending[Result]:
-        """Begin to compute beside this process.
-
-        Parameters
-        ----------
-        function
-            What to compute. It sees all that is in memory when it is begun.
-        shared
-            Objects that results may refer to, and that stay the same objects.
-        """
+        """Begin to compute beside this process, which sees all that is in memory now."""
         ...
 
     def map(

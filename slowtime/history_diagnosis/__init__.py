@@ -4,11 +4,11 @@ from .data.history import Covariate
 from .diagnose import adopt, diagnose_history
 from .forecasting.forecast import PredictionBand, follow, forecast
 from .forecasting.mixture import MixtureModel, undo
-from .reporting.report import HistoryEffect, HistoryReport
+from .reporting.report import EffectCurve, HistoryReport
 
 __all__ = [
     "Covariate",
-    "HistoryEffect",
+    "EffectCurve",
     "HistoryReport",
     "MixtureModel",
     "PredictionBand",

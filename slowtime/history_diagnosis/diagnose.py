@@ -74,7 +74,7 @@ def diagnose_history(
     >>> change = -0.001 * warmth + rng.normal(0.0, 0.002, 200)
     >>> report = diagnose_history(day, change, np.full(200, 0.002),
     ...                           [Covariate("temperature", warmth, "°C")])
-    >>> report.verdict, report.effects[0].effect
+    >>> report.verdict, report.effects[0].effect.kind
     ('missing_effect', 'temperature_linear')
     """
     tell = progress or (lambda stage, share: None)

@@ -9,7 +9,9 @@ import click
 from slowtime_cli.shared.report_flags import report_language
 from slowtime_cli.shared.terminal import show
 from slowtime_services.diagnose.history_document import (
+    covariate_of,
     diagnose_with_document,
+    parameters_text,
     write_history_results,
 )
 from slowtime_services.diagnose.history_table import History, read_history
@@ -39,12 +41,9 @@ def diagnose_history(
     click.echo(f"{report.verdict.replace('_', ' ')}: {report.sentence}")
     rows = []
     for effect in report.effects:
-        numbers = ", ".join(
-            f"{p.name} {p.measured.value:.4g} ± {p.measured.sd:.2g} {p.unit}".rstrip()
-            for p in effect.parameters
-        )
-        follows = effect.covariate or "slow time"
-        rows.append((effect.effect, follows, numbers, f"{effect.probability:.3f}"))
+        follows = covariate_of(effect.effect.place) or "slow time"
+        numbers = parameters_text(effect)
+        rows.append((effect.effect.kind, follows, numbers, f"{effect.probability:.3f}"))
     headings = ("effect", "follows", "parameters", "probability")
     if rows:
         show("", headings, rows, plain=[dict(zip(headings, r, strict=True)) for r in rows])

@@ -104,9 +104,9 @@ class HistoryCase:
         one, end = self.hidden, self.hidden.split
         read = covariates(one, 0, end)
         found = diagnose_history(one.time[:end], one.value[:end], one.sd[:end], read)
-        named = tuple(sorted(each.effect for each in found.effects))
+        named = tuple(sorted(each.effect.kind for each in found.effects))
         right = found.verdict != "undecided" and families(named) == families(one.truth)
-        undecided = sorted(found.undecided)
+        undecided = sorted({rival.effect for rival in found.undecided})
         return {
             "verdict": found.verdict, "named": [*named], "undecided": undecided, "left": 0.0,
             "right": right,

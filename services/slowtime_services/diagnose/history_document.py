@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from slowtime.history_diagnosis import HistoryEffect, HistoryReport, diagnose_history
+from slowtime.discrepancy.diagnosis import NamedEffect
+from slowtime.dynamics.effects import Place
+from slowtime.history_diagnosis import EffectCurve, HistoryReport, diagnose_history
 from slowtime_schemas.files.slow_diagnosis import SlowDiagnosisFile
 from slowtime_services.reports import Chart, Section, Table, Words, write_page
 
@@ -90,8 +92,8 @@ def history_document(
         "verdict": report.verdict,
         "sentence": report.sentence,
         "effects": [_effect(effect) for effect in report.effects],
-        "undecided": list(report.undecided),
-        "experiment": report.experiment or None,
+        "undecided": list(dict.fromkeys(rival.effect for rival in report.undecided)),
+        "experiment": None if report.experiment is None else report.experiment.sentence,
         "nothing_probability": report.nothing_probability,
         "gap": {
             "measure": "scatter",
@@ -146,23 +148,40 @@ def write_history_results(
             )  # fmt: skip
 
 
-def _effect(effect: HistoryEffect) -> dict[str, Any]:
+def covariate_of(place: Place) -> str | None:
+    """Return the covariate that an effect follows; None for time and faults of sensors."""
+    return place.id if place.kind == "covariate" else None
+
+
+def _effect(named: NamedEffect) -> dict[str, Any]:
     return {
-        "effect": effect.effect,
-        "family": effect.family,
-        "covariate": effect.covariate,
+        "effect": named.effect.kind,
+        "family": named.family,
+        "covariate": covariate_of(named.effect.place),
         "parameters": {
-            p.name: {"value": p.measured.value, "sd": p.measured.sd, "unit": p.unit}
-            for p in effect.parameters
-            if np.isfinite([p.measured.value, p.measured.sd]).all()
+            name: {"value": n.value, "sd": n.sd, "unit": n.unit}
+            for name, n in named.numbers.items()
+            if np.isfinite([n.value, n.sd]).all()
         },
-        "probability": effect.probability,
+        "probability": named.probability,
         "alternatives": [
-            {"effect": a.effect, "covariate": a.covariate, "probability": a.probability}
-            for a in effect.alternatives
+            {
+                "effect": rival.effect,
+                "covariate": covariate_of(rival.place),
+                "probability": rival.probability,
+            }
+            for rival in named.rivals
         ],
-        "sentence": effect.sentence,
+        "sentence": named.sentence,
     }
+
+
+def parameters_text(named: NamedEffect) -> str:
+    """Write the parameters of an effect in one line, for a table."""
+    return ", ".join(
+        f"{name} {n.value:.4g} ± {n.sd:.2g} {n.unit}".rstrip()
+        for name, n in named.numbers.items()
+    )
 
 
 def _sections(report: HistoryReport, document: dict[str, Any]) -> Iterator[Section]:
@@ -170,21 +189,22 @@ def _sections(report: HistoryReport, document: dict[str, Any]) -> Iterator[Secti
     if report.effects:
         rows = [
             (
-                named(e.effect), e.family, e.covariate or "slow time",
-                ", ".join(
-                    f"{p.name} = {p.measured.value:.4g} ± {p.measured.sd:.2g} {p.unit}".rstrip()
-                    for p in e.parameters
-                ),
+                named(e.effect.kind), e.family,
+                covariate_of(e.effect.place) or "slow time", parameters_text(e),
                 f"{e.probability:.3f}",
             )
             for e in report.effects
         ]  # fmt: skip
         headings = ("effect", "family", "follows", "parameters", "probability")
-        words = [f"{e.sentence[0].upper()}{e.sentence[1:]}." for e in report.effects]
+        words = [e.sentence for e in report.effects]
         yield Section("What is missing", words, [Table(headings, rows)])
     if report.experiment:
-        yield Section("Experiment that would decide", [report.experiment])
-    curves = [_curve(effect) for effect in report.effects if effect.curve is not None]
+        yield Section("Experiment that would decide", [report.experiment.sentence])
+    curves = [
+        _curve(named(one.effect.kind), curve)
+        for one, curve in zip(report.effects, report.curves, strict=True)
+        if curve is not None
+    ]
     if curves:
         yield Section("What each effect does", (), curves)
     yield Section("The history, and what was expected", (), [_history(report, document)])
@@ -243,9 +263,7 @@ def _history(report: HistoryReport, document: dict[str, Any]) -> Chart:
     )
 
 
-def _curve(effect: HistoryEffect) -> Chart:
-    curve = effect.curve
-    assert curve is not None
+def _curve(law_name: str, curve: EffectCurve) -> Chart:
     step = max(1, len(curve.points_x) // _MOST_POINTS)
     band = {
         "type": "scatter", "mode": "lines", "name": "95 % band", "fill": "toself",
@@ -254,7 +272,7 @@ def _curve(effect: HistoryEffect) -> Chart:
         "line": {"width": 0}, "fillcolor": "rgba(11,111,184,0.25)",
     }  # fmt: skip
     law = {
-        "type": "scatter", "mode": "lines", "name": named(effect.effect),
+        "type": "scatter", "mode": "lines", "name": law_name,
         "x": curve.x.tolist(), "y": _json_numbers(curve.value), "line": {"color": AUGMENTED},
     }  # fmt: skip
     points = {
@@ -266,7 +284,7 @@ def _curve(effect: HistoryEffect) -> Chart:
         "xaxis": {"title": {"text": curve.label}},
         "yaxis": {"title": {"text": f"change [{curve.unit}]"}},
     }
-    return Chart([points, band, law], layout, f"{named(effect.effect)}, against {curve.label}.")
+    return Chart([points, band, law], layout, f"{law_name}, against {curve.label}.")
 
 
 def _json_numbers(values: Float[np.ndarray, " point"]) -> list[float | None]:

@@ -23,7 +23,7 @@ from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.quoting import numbers_of_effect
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.report.assembly import assemble
-from slowtime.discrepancy.report.outcome import ErrorMeasure, Outcome, gap_of
+from slowtime.discrepancy.report.outcome import CampaignOutcome, ErrorMeasure, gap_of
 from slowtime.discrepancy.selection.probabilities import (
     doubts_about,
     name_best,
@@ -202,7 +202,7 @@ def _outcome(
     found: _Likeliest,
     tests: tuple[Trial, ...],
     kinds: Mapping[str, Kind],
-) -> Outcome:
+) -> CampaignOutcome:
     given, seen, bare = campaign.description, found.best, found.compared.bare
     named = None if found.is_refuted else found.named
     effects = [named] if named else []
@@ -214,7 +214,7 @@ def _outcome(
     errors = [found.unseen, *(found.predicted for _ in effects)]
     silence = [np.zeros_like(trial.outputs) for trial in tests]
     noise = white_noise([_quiet(trial) for trial in tests])
-    return Outcome(
+    return CampaignOutcome(
         effects=effects,
         undecided=found.rivals if found.named else (),
         unknown=found.unknown,

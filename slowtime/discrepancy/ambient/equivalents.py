@@ -68,19 +68,7 @@ class ElementMotion:
         return float(np.sqrt(np.mean(self.motion.e**2)))
 
     def equivalents(self, kind: Kind, parameters: Mapping[str, float]) -> tuple[float, ...]:
-        """Equivalents of a law under this motion.
-
-        Parameters
-        ----------
-        kind
-            Of an element or a node, with a force along its motion.
-        parameters
-            Of the law, by name.
-
-        Returns
-        -------
-        On an element stiffness [N/m] and damping [N s/m]; on a node mass [kg].
-        """
+        """Give the stiffness [N/m] and damping [N s/m], or mass [kg] of a node, of a law."""
         e, v, a = self.motion.e, self.motion.v, self.motion.a
         if kind.where == "node":
             inertia = -force_along(kind, parameters, self.motion)

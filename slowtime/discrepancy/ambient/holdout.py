@@ -45,13 +45,6 @@ def fit_unseen(
     """Fit forces and noise of other records, with constants and effect as they were found.
 
     Constants may move by the standard deviations with which they were found.
-
-    Parameters
-    ----------
-    trials
-        Records that were not fitted.
-    effect
-        That was found; its equivalents follow the level of each record.
     """
     fits = [_fit_one(plant, trial, (values, sds), effect, kinds) for trial in trials]
     if len(fits) == 1:

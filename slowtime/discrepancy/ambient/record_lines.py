@@ -49,15 +49,7 @@ class RecordLines:
     def shape_at(
         self, frequency_hz: Float[np.ndarray, " other"], log_shape: Float[np.ndarray, " knot"]
     ) -> Float[np.ndarray, " other"]:
-        """Shape of the forces at other frequencies; 0 above the lines.
-
-        Parameters
-        ----------
-        frequency_hz
-            Where to evaluate it [Hz].
-        log_shape
-            Logarithm of the shape at the knots.
-        """
+        """Shape of the forces at other frequencies, from its logarithm at the knots; or 0."""
         density = np.exp(self.shapes @ log_shape)
         return np.asarray(np.interp(frequency_hz, self.frequency_hz, density, right=0.0))
 

@@ -105,21 +105,7 @@ def simulated_chi2(
     trials: Sequence[Trial],
     numbers: Sequence[int] | None = None,
 ) -> float:
-    """Chi squared of free runs.
-
-    Parameters
-    ----------
-    plant, values
-        Model, and values of all its constants.
-    states
-        Initial state of each trial.
-    numbers
-        Trials to run; all where not given.
-
-    Returns
-    -------
-    The sum over the trials; infinite where a run grows beyond bounds.
-    """
+    """Chi squared of free runs of some trials, or all; infinite where one is unbounded."""
     total = 0.0
     for number in range(len(trials)) if numbers is None else numbers:
         trial = trials[number]

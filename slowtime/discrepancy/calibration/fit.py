@@ -204,8 +204,11 @@ def refit(
     if moved and with_cost(problem, _with_full_states(start, normal), spread).cost < best.cost:
         best, normal, spread = minimise(problem, start, control)
     if needs_measured_friction(plant, heard):
-        guided = _measured_friction_plants(problem, heard)
-        problem = dataclasses.replace(problem, friction_plants=guided)
+        guided = (
+            MeasuredFrictionPlant(plant=plant, trial=trial, noise=heard, number=i)
+            for i, trial in enumerate(records)
+        )
+        problem = dataclasses.replace(problem, friction_plants=tuple(guided))
         best, normal, _ = minimise(problem, best, control)
     return _make_fit(problem, records, best, normal, heard, silent)
 
@@ -260,15 +263,6 @@ def _over_growing_horizons(
         if part.is_beaten(point.cost, HOPELESS_RATIO):
             raise FitAbandoned
     return point
-
-
-def _measured_friction_plants(
-    problem: LeastSquaresProblem, noise: Noise
-) -> tuple[MeasuredFrictionPlant, ...]:
-    return tuple(
-        MeasuredFrictionPlant(plant=problem.plant, trial=trial, noise=noise, number=i)
-        for i, trial in enumerate(problem.trials)
-    )
 
 
 def _with_full_states(point: Iterate, normal: NormalEquations) -> Iterate:

@@ -6,11 +6,6 @@ from .fit import Fit
 
 
 def chi2_p_value(fit: Fit) -> float:
-    """Probability of so large a chi squared in band, if the residual is noise.
-
-    Returns
-    -------
-    The upper tail of the normal distribution at the standardised mean square.
-    """
+    """Probability of so large a chi squared in band, if the residual is noise."""
     deviation = (fit.chi2_in_band - 1) / fit.in_band_sd
     return float(scipy.stats.norm.sf(deviation))

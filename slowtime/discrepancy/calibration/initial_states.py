@@ -44,19 +44,7 @@ def multistart_initial_state(
     known: State,
     size: State,
 ) -> State:
-    """Find the initial state of least cost from many random ones, all constants held.
-
-    Parameters
-    ----------
-    values
-        Of all constants.
-    size
-        Amplitude of the motion in each coordinate, by which random states are scaled.
-
-    Returns
-    -------
-    The best initial state, or the known one.
-    """
+    """Find the initial state of least cost from many random ones, all constants held."""
     heard = state_from_sensors(plant, trial, known)
     drawn = np.random.default_rng(0).standard_normal((STARTS, len(known)))
     wide = np.resize(START_SPREADS, STARTS)[:, None]
@@ -132,11 +120,6 @@ def refit_initial_states(before: Fit, heads: Sequence[Trial]) -> Fit:
     """Refit the initial states of a fit to the first samples alone.
 
     Initial states of a whole record make up for what the model lacks in all of it.
-
-    Parameters
-    ----------
-    heads
-        First parts of its records.
     """
     counts = [max(int(BEGINNING_SHARE * len(head.outputs)), MIN_SAMPLES) for head in heads]
     parts = [head.part(0, count) for head, count in zip(heads, counts, strict=True)]

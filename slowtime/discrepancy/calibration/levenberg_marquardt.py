@@ -451,10 +451,7 @@ def _full_steps(
 def _step_bounds(
     problem: LeastSquaresProblem, point: Iterate
 ) -> tuple[FreeConstants, FreeConstants]:
-    """Bounds of a step of the constants: half way to a bound, half of the scale or value.
-
-    So a constant that starts much too small still grows by halves.
-    """
+    """Bounds of a step: half way to a bound, and half of the scale or value."""
     prior = problem.prior
     here = point.values[list(prior.index)]
     far = np.maximum(prior.scale, np.abs(here)) / 2
@@ -494,13 +491,7 @@ def _apply_step(
 
 
 def _initial_state_sd(squares: State, weights: SpectralWeights, trial: Trial) -> State:
-    """Choose a weak prior of the initial state: one sd explains the record several times.
-
-    Parameters
-    ----------
-    squares
-        Sum of squares of the whitened sensitivity to each coordinate.
-    """
+    """Choose a weak prior of the initial state: one sd explains the record several times."""
     size = np.sqrt(squares)
     whole = INITIAL_STATE_SDS * np.sqrt(weights.chi2(trial.measured[: len(weights.use)]))
     if whole == 0.0:

@@ -24,7 +24,7 @@ from slowtime.dynamics.description import assemble
 from slowtime.dynamics.modes import undamped_modes
 from slowtime.dynamics.plant import Name, Plant
 
-from .fit import Fit, refit
+from .fit import Fit, attempt, refit
 from .initial_states import best_initial_state, multistart_initial_state, state_from_sensors
 from .levenberg_marquardt import DEFAULT_CONTROL, FitAbandoned, FitControl
 
@@ -100,13 +100,7 @@ def shooting_fit(
 
 
 def _outlying_segments(left: Sequence[float]) -> list[int]:
-    """Numbers of segments whose misfit is far above the median: they are in a wrong minimum.
-
-    Parameters
-    ----------
-    left
-        Chi squared of each over its samples. Of a wrong law most are large.
-    """
+    """Numbers of segments whose misfit is far above the median: they are in a wrong minimum."""
     bar = OUTLYING_RATIO * max(float(np.median(left)), 1.0)
     return [i for i, one in enumerate(left) if one > bar]
 
@@ -269,8 +263,5 @@ def _fit_initial_state(
             horizons=(1.0,),
         )  # fmt: skip
 
-    try:
-        return fitted(begin)
-    except FloatingPointError:
-        # A small error of the state may cross the edge of a potential well.
-        return fitted(0 * begin)
+    # A small error of the state may cross the edge of a potential well.
+    return attempt(fitted, begin) or fitted(0 * begin)

@@ -168,17 +168,7 @@ class ForceSpace:
     def normal_equations(
         self, forces: list[ForceSpectra]
     ) -> tuple[Float[np.ndarray, "column column"], Float[np.ndarray, " column"]]:
-        """Form the normal equations of several forces, all else eliminated.
-
-        Parameters
-        ----------
-        forces
-            Spectra of each trial (frequency, column).
-
-        Returns
-        -------
-        Products of the forces with each other, and with the residual.
-        """
+        """Form the normal equations of several forces, all else eliminated."""
         cross, seen = self.products(forces)
         inner = np.zeros((len(seen), len(seen)))
         for force, signal in zip(forces, self.signal, strict=True):

@@ -213,10 +213,7 @@ def _pairs_with_tone(
 
 
 def _best_structural_group(located: Localization) -> PlaceGroup | None:
-    """Find the best group with an element or node, if it is as good as the best of all.
-
-    With one mass, the base and its sensor explain all that a force on the mass does.
-    """
+    """Find the best group with an element or node, if it is as good as the best of all."""
     most = min(LIMITS.several_forces_chi2, acceptable_chi2(located.groups[0].left))
     laws = (g for g in located.groups if any(p.kind in ("element", "node") for p in g.places))
     group = next(laws, None)

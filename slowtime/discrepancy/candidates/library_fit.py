@@ -190,13 +190,7 @@ def is_tonal(located: Localization) -> bool:
 
 
 def acceptable_chi2(least: float) -> float:
-    """Mean square over the noise up to which a place is not passed over.
-
-    Parameters
-    ----------
-    least
-        Mean square that the best place leaves; less than 1 counts as 1, being overfitted.
-    """
+    """Mean square over the noise up to which a place is not passed over."""
     return PLACE_RATIO * max(least, 1.0) + PLACE_OFFSET
 
 

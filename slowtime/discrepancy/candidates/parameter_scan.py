@@ -86,17 +86,7 @@ class ParameterAction(Protocol):
 
 
 def best_effect(kind: Kind, space: ForceSpace) -> tuple[Effect, float] | None:
-    """Fit the parameters of a kind at a place.
-
-    Parameters
-    ----------
-    space
-        Least squares at the place.
-
-    Returns
-    -------
-    The effect and the chi squared that it explains; None where the kind has no effect there.
-    """
+    """Fit a kind at a place; give the chi squared explained, or None where it does nothing."""
     if isinstance(kind.action, Law | Friction | Hidden):
         return _best_force(kind, space)
     if isinstance(kind.action, SensorChange | InputChange):

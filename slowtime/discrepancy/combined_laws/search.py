@@ -198,15 +198,8 @@ def _without_idle_laws(
 ) -> list[FittedCandidate]:
     """Leave out combinations that explain hardly more than some of their laws do.
 
-    The other laws have to explain a share of all that is missing, or most of what those laws
-    leave: beside the sine of a pendulum's angle, all that brakes it is little.
-
-    Parameters
-    ----------
-    combinations
-        Each with its fit under the noise of the best.
-    least
-        [noise variances] Sum of squares that is such a share of all that is missing.
+    The other laws have to explain a share of all that is missing (`least`), or most of what
+    those laws leave: beside the sine of a pendulum's angle, all that brakes it is little.
     """
     return [
         fit

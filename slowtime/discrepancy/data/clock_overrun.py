@@ -58,18 +58,9 @@ def mask_clock_overrun(
 def clock_overrun(
     action: SensorChange, trial: Trial, values: Float[np.ndarray, " parameter"]
 ) -> Bool[np.ndarray, " time"]:
-    """Find samples that a change of the clock takes from after the last one of the record.
+    """Mask samples that a change of the clock takes from after the last one of the record.
 
     A change of the clock leaves a constant series as it is, and a ramp not.
-
-    Parameters
-    ----------
-    action
-        What the effect does to the reading of a sensor.
-
-    Returns
-    -------
-    Mask over the samples; all False where the effect does not change the clock.
     """
     times = trial.times_s
     ramp = times - times[0]

@@ -8,11 +8,10 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from slowtime.discrepancy.calibration import (
-    BREAKDOWNS,
     WRONG_MODEL_CHI2,
     Fit,
-    FitAbandoned,
     FitControl,
+    attempt,
     refit,
     shooting_fit,
 )
@@ -185,31 +184,29 @@ def fit_candidate(
     plant, values, states = augmented_start(before, effect, kinds, schedule.start)
     description = plant.description
     short: Fit | None = None
-    try:
-        if schedule.shooting:
-            # Constants that were bent to do without the effect are no place to start from.
-            if schedule.start is None:
-                entries = zip(values, plant.entries.items(), strict=True)
-                values = np.array([
-                    v if name[0] == "effect" else entry.value for v, (name, entry) in entries
-                ])  # fmt: skip
-            own = FitControl(is_late=control.is_late)
-            short, states = shooting_fit(plant, trials, before.noise, values, own)
-            values = short.values
-        fit = refit(
-            plant,
-            trials,
-            noise=noise,
-            values=values,
-            states=states,
-            horizons=schedule.horizons,
-            control=control,
-        )
+    if schedule.shooting:
+        # Constants that were bent to do without the effect are no place to start from.
+        if schedule.start is None:
+            entries = zip(values, plant.entries.items(), strict=True)
+            values = np.array([
+                v if name[0] == "effect" else entry.value for v, (name, entry) in entries
+            ])  # fmt: skip
+        own = FitControl(is_late=control.is_late)
+        shot = attempt(shooting_fit, plant, trials, before.noise, values, own)
+        if shot is None:
+            return None
+        short, states = shot
+        values = short.values
+    fit = attempt(
+        refit, plant, trials, noise=noise, values=values, states=states,
+        horizons=schedule.horizons, control=control,
+    )  # fmt: skip
+    if fit is not None:
         fit = refine_switching_instant(
             fit, trials, kinds, control.cost_to_beat, MAIN_EFFECT_SHARE * before.chi2_in_band,
             late=control.is_late,
         )  # fmt: skip
-    except (*BREAKDOWNS, FitAbandoned):
+    if fit is None:
         if short is None or short.chi2_in_band > WRONG_MODEL_CHI2:
             return None
         # It explains every piece, and runs away from, or loses its way in, a whole record.
@@ -437,21 +434,7 @@ def fit_candidates(
     shooting: bool = False,
     over: Callable[[], bool] = bool,
 ) -> list[FittedCandidate]:
-    """Fit each candidate to the free run; all judged by the noise that the best leaves.
-
-    Parameters
-    ----------
-    tick
-        As in `Fitting`.
-    shooting
-        Whether each is fitted to segments of the records first.
-    over
-        Once true, the best is left in the minimum in which it is.
-
-    Returns
-    -------
-    One fit for each label, the most probable first.
-    """
+    """Fit each candidate to the free run; all judged by the noise that the best leaves."""
     fitting = Fitting(before=before, trials=trials, kinds=kinds, tick=tick, shooting=shooting)
     return fitting.fit(candidates).ranked(over)
 
@@ -493,35 +476,21 @@ def with_noise_of_best(
         return found
     best = found[0]
     plant, values, states = best.fit.plant, best.fit.values, best.fit.states
-    try:
-        fit = refit(
-            plant,
-            trials,
-            values=values,
-            states=states,
-            horizons=(1.0,),
-            control=FitControl(is_late=over),
-        )
-        if (
-            anew
-            and WRONG_MODEL_CHI2 < fit.chi2_in_band < LOCAL_MINIMUM_SHARE * before.chi2_in_band
-        ):
-            # One period off over a long record, the misfit has a minimum too.
-            fit = _or_anew(fit, trials, over)
-    except (*BREAKDOWNS, FitAbandoned):
+    control = FitControl(is_late=over)
+    fit = attempt(
+        refit, plant, trials, values=values, states=states, horizons=(1.0,), control=control
+    )
+    if fit is None:
         return found
-    heard = dataclasses.replace(best, fit=fit, score=evidence(fit, kinds))
-    if not is_shown(heard, trials, kinds):
+    least, most = WRONG_MODEL_CHI2, LOCAL_MINIMUM_SHARE * before.chi2_in_band
+    if anew and least < fit.chi2_in_band < most:
+        # One period off over a long record, the misfit has a minimum too.
+        other = attempt(refit, plant, trials, values=fit.values, control=control)
+        heard = fit.noise
+        if other is not None and misfit(other, heard, trials) < misfit(fit, heard, trials):
+            fit = other
+    named = dataclasses.replace(best, fit=fit, score=evidence(fit, kinds))
+    if not is_shown(named, trials, kinds):
         return with_noise_of_best(before, found[1:], trials, kinds, anew=anew, over=over)
-    again = [heard, *(rescored(one, fit, trials, kinds) for one in found[1:])]
+    again = [named, *(rescored(one, fit, trials, kinds) for one in found[1:])]
     return sorted(again, key=lambda n: -n.score)
-
-
-def _or_anew(fit: Fit, trials: Sequence[Trial], over: Callable[[], bool]) -> Fit:
-    """Fit a model to ever longer parts from where it stands; the better of both."""
-    try:
-        other = refit(fit.plant, trials, values=fit.values, control=FitControl(is_late=over))
-    except FitAbandoned:
-        return fit
-    better = misfit(other, fit.noise, trials) < misfit(fit, fit.noise, trials)
-    return other if better else fit

@@ -270,15 +270,7 @@ def with_holds(
     kinds: Mapping[str, Kind],
     noise: Noise | None = None,
 ) -> Fit:
-    """Fit the same model to the same records with other holds.
-
-    Parameters
-    ----------
-    holds
-        One for each input.
-    noise
-        By which residuals are weighted; estimated again where not given.
-    """
+    """Fit the same model to the same records with other holds, one for each input."""
     plant = Plant.of(describe_holds(fit.plant.description, holds), kinds=kinds)
     return refit(
         plant, trials, noise=noise, values=fit.values, states=fit.states, horizons=(1.0,)

@@ -155,17 +155,7 @@ def undetermined_parameters(fit: Fit) -> tuple[Name, ...]:
 
 
 def misfit(fit: Fit, noise: Noise, trials: Sequence[Trial]) -> float:
-    """Chi squared of the residual of a fit under another noise.
-
-    Parameters
-    ----------
-    noise
-        Of the same trials.
-
-    Returns
-    -------
-    Sum over trials and sensors [1].
-    """
+    """Chi squared of the residual of a fit under another noise of the same trials [1]."""
     return sum(
         spectral_weights(trial, noise, i).chi2(left)
         for i, (trial, left) in enumerate(zip(trials, fit.residual, strict=True))
@@ -181,18 +171,7 @@ def rescored(
 
 
 def with_noise(fit: Fit, noise: Noise, trials: Sequence[Trial]) -> Fit:
-    """Give the same fit its cost under another noise.
-
-    Parameters
-    ----------
-    noise
-        Of the same trials.
-
-    Returns
-    -------
-    The fit with that noise, its cost and its chi squared per datum and in band [1]; its
-    parameters are unchanged.
-    """
+    """Give the same fit its cost and chi squared under another noise of the same trials."""
     before, after = misfit(fit, fit.noise, trials), misfit(fit, noise, trials)
     share = after / max(before, 1e-300)
     return dataclasses.replace(

@@ -35,17 +35,10 @@ moves it. Source: docs/decisions/0024."""
 def leniency(
     named: FittedCandidate, kinds: Mapping[str, Kind], bare: Fit | None = None
 ) -> float:
-    """Log evidence to give back to a candidate before it is compared with its rivals.
+    """Log evidence [nats] to give back to a candidate before it is compared with its rivals.
 
-    Parameters
-    ----------
-    bare
-        The fit without it: a damping that this moves as far does not speak for the candidate.
-
-    Returns
-    -------
-    Sum of what Schwarz's criterion charged too much for its parameters, and of dampings whose
-    tolerance may have been stated too small [nats].
+    It is what Schwarz's criterion charged too much for its parameters, and what dampings cost
+    whose tolerance may be too small, and which `bare` does not move as far.
     """
     before = {} if bare is None else bare.pulls
     pulls = [
@@ -57,18 +50,9 @@ def leniency(
 
 
 def doubted(pulls: Sequence[float]) -> float:
-    """Log evidence of constants that are off, relative to what their tolerances say.
+    """Log evidence [nats] of constants by their pulls [stated tolerances].
 
     Each tolerance is true, or too small by the factor `TOLERANCE_FACTOR`.
-
-    Parameters
-    ----------
-    pulls
-        How far each constant is off [stated tolerances].
-
-    Returns
-    -------
-    Sum over constants [nats].
     """
     either = np.logaddexp(
         np.log(1 - MISSTATED_PROBABILITY), np.log(MISSTATED_PROBABILITY) + relief(pulls)
@@ -77,17 +61,7 @@ def doubted(pulls: Sequence[float]) -> float:
 
 
 def relief(pulls: Sequence[float]) -> Float[np.ndarray, " pull"]:
-    """Log evidence of each constant if its tolerance is too small by `TOLERANCE_FACTOR`.
-
-    Parameters
-    ----------
-    pulls
-        How far each constant is off [stated tolerances].
-
-    Returns
-    -------
-    One for each constant, relative to what its tolerance says, shape (pull,) [nats].
-    """
+    """Log evidence [nats] of each pull [stated tolerances] if its tolerance is too small."""
     excess = np.square(np.asarray(pulls, dtype=float)) / 2
     return np.asarray(excess * (1 - TOLERANCE_FACTOR**-2) - np.log(TOLERANCE_FACTOR))
 

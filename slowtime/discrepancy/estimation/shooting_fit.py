@@ -117,16 +117,6 @@ def merge_fits(
 
 
 def unexplained_by(fit: Fit) -> float:
-    """Measure of what a fit leaves that needs no model of the noise.
-
-    Parameters
-    ----------
-    fit
-        Its residuals have shape (time, sensor), in the unit of each sensor.
-
-    Returns
-    -------
-    Sum of the logarithms of the mean square of each sensor in each trial [nats].
-    """
+    """Sum of the log mean squares of all residuals [nats]: it needs no model of the noise."""
     power = [np.mean(residual**2, axis=0) for residual in fit.residual]
     return float(np.sum(np.log(np.maximum(power, np.finfo(float).tiny))))

@@ -69,17 +69,7 @@ def sds_of_strength(fit: Fit, number: int, kind: Kind) -> float:
 
 
 def sds_of(fit: Fit, name: Name, nothing: float) -> float:
-    """How many standard deviations a parameter is from another value.
-
-    Parameters
-    ----------
-    nothing
-        The other value, in the unit of the parameter.
-
-    Returns
-    -------
-    Distance [standard deviations], those of `inflated_sd`; infinite where it is not free.
-    """
+    """Distance of a parameter from another value [standard deviations]; infinite if held."""
     if name not in fit.prior.names:
         return math.inf
     at = fit.prior.names.index(name)

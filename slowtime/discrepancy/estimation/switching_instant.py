@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from slowtime.discrepancy.calibration import Fit, FitAbandoned, FitControl, refit
+from slowtime.discrepancy.calibration import Fit, FitControl, attempt, refit
 from slowtime.discrepancy.calibration.augmentation import simulated_chi2
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.records import Trial
@@ -112,11 +112,8 @@ def _moved(
         return fit
     values = fit.values.copy()
     values[at] = best
-    try:
-        again = refit(
-            fit.plant, trials, noise=fit.noise, values=values, states=fit.states,
-            horizons=(1.0,), control=FitControl(cost_to_beat=beat, is_late=late),
-        )  # fmt: skip
-    except FitAbandoned:
-        return fit
-    return again if again.cost < fit.cost else fit
+    again = attempt(
+        refit, fit.plant, trials, noise=fit.noise, values=values, states=fit.states,
+        horizons=(1.0,), control=FitControl(cost_to_beat=beat, is_late=late),
+    )  # fmt: skip
+    return again if again is not None and again.cost < fit.cost else fit

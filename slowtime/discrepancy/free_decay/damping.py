@@ -8,17 +8,7 @@ from slowtime.identification.free_decay.envelope import decay_envelope
 
 
 def describe_damping(trials: Sequence[Trial]) -> Iterator[str]:
-    """Tell of each free decay whether damping and frequency depend on amplitude.
-
-    Parameters
-    ----------
-    trials
-        Free decays.
-
-    Yields
-    ------
-    A sentence for each record that is long enough above its noise, on its strongest mode.
-    """
+    """Tell of each free decay whether damping and frequency depend on amplitude."""
     for number, trial in enumerate(trials, start=1):
         complete = trial.used.all(axis=0)
         if not complete.any():

@@ -206,11 +206,7 @@ def _rings_freely(
 
 
 def _peaks(series: Float[np.ndarray, " time"]) -> Float[np.ndarray, " peak"]:
-    """Largest sizes between crossings of zero; the first and last piece are left out.
-
-    Each is that of a parabola through three samples, as the largest of them may lie beside the
-    peak.
-    """
+    """Largest sizes between crossings of zero, by parabolas; the outer pieces left out."""
     ends = np.flatnonzero(np.diff(np.signbit(series))) + 1
     pieces = np.split(np.abs(series), ends)[1:-1]
     return np.array([_vertex(piece) for piece in pieces])

@@ -23,7 +23,7 @@ from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.quoting import numbers_of_effect, percent
 from slowtime.discrepancy.records import Campaign, Trial
 from slowtime.discrepancy.report.assembly import assemble
-from slowtime.discrepancy.report.outcome import ErrorMeasure, Outcome, gap_of
+from slowtime.discrepancy.report.outcome import CampaignOutcome, ErrorMeasure, gap_of
 from slowtime.discrepancy.selection.probabilities import first_doubts, name_in_combination
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.discrepancy.validation.free_run import learnt_and_unseen
@@ -101,17 +101,7 @@ def diagnose_imposed_motion(
     kinds: Mapping[str, Kind],
     monitor: Monitor,
 ) -> Diagnosis:
-    """Name the law of an element from the force that an imposed motion took.
-
-    Parameters
-    ----------
-    campaign
-        Model of one spring, and records of its motion and force.
-
-    Returns
-    -------
-    The diagnosis; errors are those of the force.
-    """
+    """Name the law of an element from the force that an imposed motion took."""
     given = campaign.description
     rig = rig_of(given)
     assert rig is not None
@@ -157,7 +147,7 @@ def _chosen(
     )  # fmt: skip
 
 
-def _outcome(campaign: Campaign, found: _Chosen, kinds: Mapping[str, Kind]) -> Outcome:
+def _outcome(campaign: Campaign, found: _Chosen, kinds: Mapping[str, Kind]) -> CampaignOutcome:
     given, last, regression = campaign.description, found.last, found.regression
     effects = _named(found, given, kinds)
     unknown = _unknown(found, effects)
@@ -167,7 +157,7 @@ def _outcome(campaign: Campaign, found: _Chosen, kinds: Mapping[str, Kind]) -> O
     for effect in last.effects:
         augmented = with_effect(augmented, effect)
     white = found.count > MIN_WHITE * np.count_nonzero(regression.used)
-    return Outcome(
+    return CampaignOutcome(
         effects=() if unknown else effects,
         undecided=rivals,
         unknown=unknown,

@@ -99,17 +99,10 @@ class LawComparison:
     count: float
 
     def shares(self, excess: float, kinds: Mapping[str, Kind]) -> list[float]:
-        """Give the probability of each model.
+        """Give the probability of each model; 0 for those that count as a simpler one.
 
-        Parameters
-        ----------
-        excess
-            Mean square on held-out records over that of cross-validation, by which evidence
-            is divided.
-
-        Returns
-        -------
-        Probabilities that sum to 1; 0 for models that count as a simpler one.
+        Evidence is divided by `excess`: the mean square on held-out records over that of
+        cross-validation.
         """
         shares = probabilities(self.scores, excess)
         into = self._same_laws(self.parents, kinds)

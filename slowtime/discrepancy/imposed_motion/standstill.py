@@ -36,18 +36,10 @@ MIN_STILL = 5
 
 
 def informative(motion: Motion) -> Bool[np.ndarray, " time"]:
-    """Return the samples that tell something of the law.
+    """Return the samples that tell something of the law; all, if they were less than a third.
 
-    Parameters
-    ----------
-    motion
-        Of the element (time,).
-
-    Returns
-    -------
-    False in standstills, up to `FORGOTTEN_PATH` after the first move, and next to a reversal,
-    where the sign of the rate is within its error and friction jumps. All are True where that
-    would leave less than a third of them.
+    None do in standstills, up to `FORGOTTEN_PATH` after the first move, and next to a reversal,
+    where the sign of the rate is within its error and friction jumps.
     """
     span = float(np.ptp(motion.e))
     moving = ~_still(motion.e)
@@ -75,18 +67,7 @@ def _still(e: Float[np.ndarray, " time"]) -> Bool[np.ndarray, " time"]:
 def without_standstills(
     findings: Sequence[Finding], records: Sequence[ForceRecord]
 ) -> tuple[Finding, ...]:
-    """Drop findings of equal samples that a standstill of the element explains.
-
-    Parameters
-    ----------
-    records
-        Motion and force of each record.
-
-    Returns
-    -------
-    The findings that are left. A span counts as a standstill where neither motion nor force
-    changes in it, and the motion goes on from where it stood.
-    """
+    """Drop findings of equal samples that a standstill of the element explains."""
     return tuple(
         one
         for one in findings

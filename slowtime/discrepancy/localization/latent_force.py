@@ -116,13 +116,7 @@ class WhitenedColumns:
 def real_products(
     columns: Complex[np.ndarray, "row column"],
 ) -> Float[np.ndarray, "column column"]:
-    """Real parts of the inner products of complex columns; counted as work.
-
-    Parameters
-    ----------
-    columns
-        Matrix (row, column).
-    """
+    """Real parts of the inner products of complex columns; counted as work."""
     count_work(int(PRODUCT_WORK * len(columns) * columns.shape[1] ** 2))
     parts = np.ascontiguousarray(columns).view(float)
     both = parts.T @ parts
@@ -234,15 +228,7 @@ class LatentForceSolver:
         ]  # fmt: skip
 
     def explain(self, source: ForceSource | None, *, rounds: int = ROUNDS) -> Explanation:
-        """Find force, constants and initial states for one place.
-
-        Parameters
-        ----------
-        source
-            The place; None for no force at all.
-        rounds
-            Linearisations at most.
-        """
+        """Find force, constants and initial states for one place, or for no force (None)."""
         return self.iterate(source, rounds=rounds).explained
 
     def iterate(self, source: ForceSource | None, *, rounds: int) -> "PlaceEstimate":
@@ -498,13 +484,7 @@ def _force_posterior(
 def _band_variances(
     trial: TrialLines, seen: Complex[np.ndarray, " frequency"], signal: PerLine
 ) -> PerLine:
-    """Maximum likelihood variance of the force in each band, by Fisher scoring.
-
-    Parameters
-    ----------
-    seen
-        Product of the residual with a unit force, line by line.
-    """
+    """Maximum likelihood variance of the force in each band, by Fisher scoring."""
     heard = np.where(signal > 1e-12 * signal.max(initial=0.0), signal, 0.0)
     if not heard.any():
         return np.zeros(len(signal))

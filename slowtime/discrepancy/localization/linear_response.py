@@ -175,18 +175,9 @@ class LinearModel:
     def steady_response(
         self, frequency_hz: Frequencies, modes: StateModes | None
     ) -> SteadyResponse:
-        """Displacement per force as a sum of modes, or by inverses where there are none.
+        """Displacement per force as a sum of modes (`state_modes`); by inverses without them.
 
-        Parameters
-        ----------
-        frequency_hz
-            Frequencies of the lines [Hz].
-        modes
-            Of this model, by `state_modes`.
-
-        Returns
-        -------
-        The response; zero at 0 Hz where rigid modes make it infinite.
+        It is zero at 0 Hz where rigid modes make it infinite.
         """
         if modes is None:
             return DenseResponse(self.compliance(frequency_hz))
@@ -232,17 +223,7 @@ class LinearModel:
     def free_decay(
         self, samples: int, rate_hz: float, state: Float[np.ndarray, " state"]
     ) -> tuple[Float[np.ndarray, "time sensor"], Float[np.ndarray, "order time dof"]]:
-        """Simulate a free decay.
-
-        Parameters
-        ----------
-        rate_hz
-            Sampling rate [Hz].
-
-        Returns
-        -------
-        Readings (time, sensor), and displacement, velocity, acceleration of the coordinates.
-        """
+        """Simulate readings (time, sensor), and displacement, velocity, acceleration."""
         step = scipy.linalg.expm(state_matrix(self.structure) / rate_hz)
         whole = _powers_of_state(step, state, samples) @ self.state_to_motion.T
         motion = whole.reshape(samples, 3, self.structure.dofs)

@@ -64,15 +64,6 @@ def likely_pairs(
     Those that gain most alone, by a link of any size and by a small one, and those that gain
     most beside the best: where two are missing, neighbours of the stronger one gain more than
     the weaker one does alone.
-
-    Parameters
-    ----------
-    pairs
-        Names of points: nodes, moved supports, or the base.
-
-    Returns
-    -------
-    The likeliest first.
     """
     solver, _, _ = linearise(fit, tuple(trials))
     screening = PairScreening(solver, pairs)
@@ -134,13 +125,7 @@ class PairScreening:
         return _profile_gains(slope, rest, np.einsum("paa->pa", self._whole))
 
     def exact_gains(self, among: Sequence[int]) -> Float[np.ndarray, " pair"]:
-        """Log likelihood [nats] that a spring, a damper or a mass gains, of any size.
-
-        Parameters
-        ----------
-        among
-            Numbers of the pairs for which it is computed; others gain nothing.
-        """
+        """Log likelihood [nats] that a spring, a damper or a mass gains, of any size."""
         found = np.zeros(len(self._ends))
         for number in among:
             links = [self._link(number, i) for i in range(len(self._seen))]

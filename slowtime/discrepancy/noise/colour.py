@@ -81,19 +81,7 @@ class Colour:
 
 
 def pole_pair_gain(turns: Frequencies, radius: float, angle: float) -> Frequencies:
-    """Squared gain of a pair of complex poles along the unit circle.
-
-    Parameters
-    ----------
-    turns
-        Frequencies over the sampling rate [1].
-    radius, angle
-        Of the poles [1], [rad].
-
-    Returns
-    -------
-    The squared gain, of the shape of `turns`.
-    """
+    """Squared gain of complex poles at frequencies over the sampling rate; the angle in rad."""
     pole = radius * np.exp(1j * angle)
     back = np.exp(-2j * np.pi * turns)
     return np.asarray(1 / np.abs((1 - pole * back) * (1 - np.conj(pole) * back)) ** 2)

@@ -96,21 +96,10 @@ class Drift:
         residual: Complex[np.ndarray, "frequency sensor"],
         noise: Float[np.ndarray, "frequency sensor"],
     ) -> Complex[np.ndarray, "frequency input"]:
-        """Posterior mean of the input errors that cause a residual.
+        """Spectrum of the input errors that cause a residual (posterior mean).
 
-        Parameters
-        ----------
-        frequency_hz
-            Frequencies [Hz].
-        residual
-            Spectrum of the residual (frequency, sensor).
-        noise
-            Densities of the sensors' noise, in the scale of the residual's squared spectrum.
-
-        Returns
-        -------
-        Spectrum of the errors (frequency, input); zero at 0 Hz, as a residual that begins and
-        ends at zero has no constant cause.
+        It is zero at 0 Hz, as a residual that begins and ends at zero has no constant cause.
+        The noise is in the scale of the squared spectrum.
         """
         along = self.transfer(trial, frequency_hz)
         loud = along * self.error_density[trial]

@@ -152,14 +152,7 @@ class BlockMeans:
 
 
 def response_limit_hz(description: Description, trials: Sequence[Trial] = ()) -> float:
-    """Frequency [Hz] above which the response of a structure is negligible.
-
-    Parameters
-    ----------
-    trials
-        Records; where they hold fewer than a few periods of that mode, as of a structure with
-        rigid motions only, the band of their excitation decides.
-    """
+    """Frequency [Hz] above which the response of a structure is negligible."""
     highest = float(undamped_modes(assemble(description)).frequency_hz[-1])
     for trial in trials:
         if highest * trial.duration_s < THRESHOLDS.min_periods:

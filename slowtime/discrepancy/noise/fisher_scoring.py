@@ -49,19 +49,8 @@ def maximise_likelihood(
 ) -> Reals:
     """Maximise the likelihood of block means within bounds.
 
-    Parameters
-    ----------
-    blocks
-        By row: frequency [Hz], mean density [unit²/Hz], lines, and the logarithms of the
-        probabilities that a block is noise alone, and that it is not.
-    family
-        `POWER_LAW` or `POLE_PAIR`.
-    rate_hz
-        Sampling rate [Hz].
-
-    Returns
-    -------
-    The four parameters of greatest likelihood.
+    Rows of `blocks` are frequency [Hz], mean density [unit²/Hz], lines, and the logarithms of
+    the probabilities that a block is noise alone, and that it is not.
     """
     found = np.clip(at, low, high).astype(float)
     room = np.zeros((3, PARAMETERS, PARAMETERS + 2))

@@ -5,7 +5,7 @@ import itertools
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
-from slowtime.discrepancy.calibration import Fit, FitControl, attempt, try_refit
+from slowtime.discrepancy.calibration import Fit, FitControl, try_refit
 from slowtime.discrepancy.calibration.augmentation import carry_effect
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
 from slowtime.discrepancy.candidates.law_pairs import law_pairs
@@ -216,10 +216,9 @@ def _fitted_on(
     fit = try_refit(
         both.fit.plant, trials, values=both.fit.values, states=both.fit.states, horizons=(1.0,)
     )
-    if fit is not None:
-        fit = attempt(refine_switching_instant, fit, trials, kinds, None, math.inf)
     if fit is None:
         return both
+    fit = refine_switching_instant(fit, trials, kinds, None, math.inf)
     return dataclasses.replace(both, fit=fit, score=evidence(fit, kinds))
 
 

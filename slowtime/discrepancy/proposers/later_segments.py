@@ -12,11 +12,10 @@ from collections.abc import Callable, Mapping, Sequence
 from scipy.fft import prev_fast_len
 
 from slowtime.discrepancy.calibration import (
-    BREAKDOWNS,
     WRONG_MODEL_CHI2,
     Fit,
-    FitAbandoned,
     FitControl,
+    attempt,
     refit,
 )
 from slowtime.discrepancy.calibration.initial_states import refit_initial_states
@@ -49,31 +48,33 @@ def later_segment_candidates(
     Those that explain most along the force, and those whose free run explains how that part
     begins. None where it is too late, or where the model explains half of the records.
     """
+    return attempt(_first_misfit, before, trials, kinds, late) or (before, [])
+
+
+def _first_misfit(
+    before: Fit, trials: Sequence[Trial], kinds: Mapping[str, Kind], late: Callable[[], bool]
+) -> tuple[Fit, list[Candidate]] | None:
     fit = before
     horizons: tuple[float, ...] = SEGMENT_HORIZONS
     for share in RECORD_SHARES:
         counts = [max(prev_fast_len(int(share * len(t.outputs))), MIN_SAMPLES) for t in trials]
         parts = tuple(t.part(0, count) for t, count in zip(trials, counts, strict=True))
-        try:
-            fit = refit_initial_states(fit, parts) if fit is before else fit
-            fit = refit(
-                before.plant, parts, noise=before.noise, values=fit.values,
-                states=fit.states, horizons=horizons, control=FitControl(is_late=late),
-            )  # fmt: skip
-            horizons = (1.0,)
-            if fit.chi2_in_band > WRONG_MODEL_CHI2:
-                held = refit_within_tolerances(fit, parts)
-                located = locate(held, parts)
-                along = library_candidates(held, located, kinds)
-                places = (p for g in located.groups for p in g.places if p.kind == "element")
-                among = list(itertools.islice(places, LIKELY_ELEMENTS))
-                opened = initial_segment_candidates(held, parts, kinds, late, among)[
-                    :MAX_BY_FREE_RUN
-                ]
-                done = {label_of(one.effect) for one in opened}
-                others = (one for one in along if label_of(one.effect) not in done)
-                both = sorted([*opened, *others], key=lambda one: one.cost)
-                return held, [dataclasses.replace(one, start=None) for one in both]
-        except (*BREAKDOWNS, FitAbandoned):
-            break
-    return before, []
+        fit = refit_initial_states(fit, parts) if fit is before else fit
+        fit = refit(
+            before.plant, parts, noise=before.noise, values=fit.values,
+            states=fit.states, horizons=horizons, control=FitControl(is_late=late),
+        )  # fmt: skip
+        horizons = (1.0,)
+        if fit.chi2_in_band > WRONG_MODEL_CHI2:
+            held = refit_within_tolerances(fit, parts)
+            located = locate(held, parts)
+            along = library_candidates(held, located, kinds)
+            places = (p for g in located.groups for p in g.places if p.kind == "element")
+            among = list(itertools.islice(places, LIKELY_ELEMENTS))
+            opened = initial_segment_candidates(held, parts, kinds, late, among)
+            opened = opened[:MAX_BY_FREE_RUN]
+            done = {label_of(one.effect) for one in opened}
+            others = (one for one in along if label_of(one.effect) not in done)
+            both = sorted([*opened, *others], key=lambda one: one.cost)
+            return held, [dataclasses.replace(one, start=None) for one in both]
+    return None

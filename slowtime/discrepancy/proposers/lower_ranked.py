@@ -144,7 +144,10 @@ class NextInRank:
             return Proposal(self.name, ())
         rest = _not_fitted(given)
         batch, others = rest[:NEXT_IN_TURN], rest[NEXT_IN_TURN:]
-        batch += sorted(others, key=lambda one: _run_with(given, one))[:NEAREST_RUNS]
+        before, trials, kinds = given.before, given.trials, given.kinds
+        batch += sorted(
+            others, key=lambda one: free_run_chi2(before, one.effect, one.start, trials, kinds)
+        )[:NEAREST_RUNS]
         nearby = given.of(NearbyRuns().name)
         # Fits of the shortlist that are repeated from another start are no laws of their own.
         listed = [one.effect for one in given.shortlist]
@@ -290,7 +293,3 @@ def _as_good(given: Round, others: Sequence[Candidate]) -> list[Candidate]:
         dataclasses.replace(one, cost=best.cost, cost_without=best.cost_without)
         for one in others
     ]
-
-
-def _run_with(given: Round, one: Candidate) -> float:
-    return free_run_chi2(given.before, one.effect, one.start, given.trials, given.kinds)

@@ -17,7 +17,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import numpy as np
 
 from slowtime.discrepancy.calibration import (
-    BREAKDOWNS,
     Fit,
     FitAbandoned,
     FitControl,
@@ -236,13 +235,7 @@ class _SegmentSearch:
     def _fitted(
         self, labels: Sequence[Candidate], parts: Sequence[Trial], bare: Fit, most: float
     ) -> list[tuple[Candidate, Fit]]:
-        """Fit each law to pieces; give those that explain them, the best first.
-
-        Parameters
-        ----------
-        bare, most
-            Their fit without it, and the share of what that leaves that a law may.
-        """
+        """Fit each law to pieces; give those that explain them, the best first."""
         data = self._before.data
         found: dict[Label, tuple[Candidate, Fit]] = {}
         least = most * bare.cost
@@ -279,15 +272,15 @@ class _SegmentSearch:
         parts = strongest_segments(self._before.plant, self._trials, count, share)
         return parts, self._shot(None, parts, FitControl(is_late=self.is_late))
 
-    def attempt(
+    def shot_with(
         self, effect: Effect, parts: Sequence[Trial], cost_to_beat: float
     ) -> Attempt[Fit | None]:
-        """Fit pieces with one more effect, and keep what was compared; None if it diverges."""
+        """Fit pieces with one more effect, and keep what was compared."""
         compared: list[Comparison] = []
         control = FitControl(cost_to_beat=cost_to_beat, is_late=self.is_late, compared=compared)
-        fit = None
-        with contextlib.suppress(*BREAKDOWNS):
-            fit = self._shot(effect, parts, control)
+        fit = attempt(self._shot, effect, parts, control)
+        if fit is None and self.is_late():
+            raise FitAbandoned
         return Attempt(fit, tuple(compared))
 
     def shared_objects(self, parts: Sequence[Trial]) -> tuple[object, ...]:
@@ -334,13 +327,7 @@ class _Shots:
         )
 
     def take(self, count: int, least: float) -> list[Fit]:
-        """Fit the next few effects; give the fits that ended.
-
-        Parameters
-        ----------
-        least
-            The least cost so far; near it, fits go on to their end.
-        """
+        """Fit the next few effects; give the fits that ended."""
         found = []
         for number in range(self._count, self._count + count):
             if self._search.is_late():
@@ -361,7 +348,9 @@ class _Shots:
         self._ahead.drop()
 
     def _attempt(self, number: int, beat: float) -> Callable[[], Attempt[Fit | None]]:
-        return functools.partial(self._search.attempt, self._effects[number], self._parts, beat)
+        return functools.partial(
+            self._search.shot_with, self._effects[number], self._parts, beat
+        )
 
 
 def _rides(kind: Kind) -> bool:

@@ -13,11 +13,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import numpy as np
 
 from slowtime.discrepancy.calibration import (
-    BREAKDOWNS,
     WRONG_MODEL_CHI2,
     Fit,
-    FitAbandoned,
     FitControl,
+    attempt,
     refit,
     try_refit,
 )
@@ -78,22 +77,7 @@ def converge_stick_slip(
         tell("looking beside where friction ended", 0.9)
         return tell.is_late
 
-    best, ends = last, [last]
-    try:
-        for _ in range(MAX_ROUNDS):
-            for end in _held(best, lead, trials, late):
-                ends.append(end)  # one by one: those before it is given up count
-            least = min(ends, key=lambda fit: fit.cost)
-            if least.cost >= best.cost:
-                break
-            best = refit(
-                last.plant, trials, noise=last.noise, values=least.values,
-                states=least.states, horizons=(1.0,),
-                control=FitControl(to_convergence=True, is_late=late),
-            )  # fmt: skip
-            ends.append(best)
-    except (*BREAKDOWNS, FitAbandoned):
-        pass
+    best, ends = _ends_beside(last, lead, trials, late)
     off = np.array([end.values - best.values for end in ends])[:, list(best.prior.index)]
     share = np.exp(np.minimum([best.cost - end.cost for end in ends], 0.0) / 2)
     scatter = np.einsum("e,ei,ej->ij", share / share.sum(), off, off)
@@ -111,9 +95,34 @@ def _friction(fit: Fit, kinds: Mapping[str, Kind]) -> int | None:
     return None
 
 
+def _ends_beside(
+    last: Fit, lead: int, trials: Sequence[Trial], late: Callable[[], bool]
+) -> tuple[Fit, list[Fit]]:
+    """Give the best fit, and where all fits ended until one was given up."""
+    best, ends = last, [last]
+    for _ in range(MAX_ROUNDS):
+        for end in _held(best, lead, trials, late):
+            if end is None:
+                return best, ends
+            ends.append(end)
+        least = min(ends, key=lambda fit: fit.cost)
+        if least.cost >= best.cost:
+            break
+        again = attempt(
+            refit, last.plant, trials, noise=last.noise, values=least.values,
+            states=least.states, horizons=(1.0,),
+            control=FitControl(to_convergence=True, is_late=late),
+        )  # fmt: skip
+        if again is None:
+            break
+        best = again
+        ends.append(best)
+    return best, ends
+
+
 def _held(
     best: Fit, lead: int, trials: Sequence[Trial], late: Callable[[], bool]
-) -> Iterator[Fit]:
+) -> Iterator[Fit | None]:
     """Fit all but one number, which is held here and there; the others go with it at first."""
     free = [name for at, name in enumerate(best.prior.names) if at != lead]
     along = best.covariance[:, lead] / np.sqrt(best.covariance[lead, lead])
@@ -122,8 +131,8 @@ def _held(
         values[list(best.prior.index)] += width * along
         if values[best.prior.index[lead]] <= 0:
             continue  # no friction at all is another model
-        yield refit(
-            best.plant, trials, free=free, noise=best.noise, values=values,
+        yield attempt(
+            refit, best.plant, trials, free=free, noise=best.noise, values=values,
             states=best.states, horizons=(1.0,), control=FitControl(is_late=late),
         )  # fmt: skip
 

@@ -96,17 +96,15 @@ def _incomplete_law(
         one.left < MIN_OTHER_REST_RATIO * best.left for one in others
     ):
         return None
+    actions = [kinds[answer.effect.kind].action for answer in hypothesis.effects]
     there = [
         number
-        for number, answer in enumerate(hypothesis.effects)
-        if answer.effect.place == best.places[0] and _is_curve(kinds[answer.effect.kind])
+        for number, (answer, action) in enumerate(zip(hypothesis.effects, actions, strict=True))
+        if answer.effect.place == best.places[0]
+        and isinstance(action, Law)
+        and not action.rates  # a force of the motion of the moment
     ]
     return there[-1] if there and best.places[0].kind == "element" else None
-
-
-def _is_curve(kind: Kind) -> bool:
-    """Whether a force is a law's of the motion of the moment; none that holds is."""
-    return isinstance(kind.action, Law) and not kind.action.rates
 
 
 def _recovered(

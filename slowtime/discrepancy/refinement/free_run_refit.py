@@ -155,13 +155,7 @@ def estimate_of(fit: Fit, again: Fit, moves: Bool[np.ndarray, " free"]) -> Fit:
 def _validated_gain(
     fit: Fit, told: Sequence[Fit], pieces: Sequence[Sequence[Trial]]
 ) -> float | None:
-    """Mean log ratio of errors on pieces left out; None where it is within their scatter.
-
-    Parameters
-    ----------
-    told
-        With the constants that were refitted without each of the pieces.
-    """
+    """Mean log ratio of errors on pieces left out; None where it is within their scatter."""
     ratios = [
         ratio
         for other, left in zip(told, pieces, strict=True)
@@ -182,16 +176,7 @@ def refit_plainly(
 ) -> Fit | None:
     """Refit with white weights, the same over all of each record; None where that breaks down.
 
-    Parameters
-    ----------
-    fit
-        To start from; its residuals give the weights of the sensors.
-    trials
-        To fit, with the initial states of the fit: its records, cut short or masked.
-    records
-        Whole records of the fit, where others are fitted.
-    is_late
-        Once true, the refit is given up.
+    It starts from a fit, whose residuals on its whole `records` weigh the sensors.
     """
     return try_refit(
         fit.plant, trials,

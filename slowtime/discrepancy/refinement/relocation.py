@@ -14,7 +14,6 @@ from jaxtyping import Float
 from slowtime.discrepancy.calibration import (
     Fit,
     FitControl,
-    attempt,
     try_refit,
 )
 from slowtime.discrepancy.calibration.augmentation import map_states, simulated_chi2
@@ -98,13 +97,7 @@ def _with(
     kinds: Mapping[str, Kind],
     late: Callable[[], bool],
 ) -> Fit | None:
-    """Refit a model with one of its effects at another place; None where that is worse.
-
-    Parameters
-    ----------
-    fit
-        What it has to be better than.
-    """
+    """Refit a model with one of its effects at another place; None where that is worse."""
     last, trials = hypothesis.last, hypothesis.trials
     description = last.plant.description
     at = len(description.effects) - len(hypothesis.effects) + number
@@ -122,8 +115,7 @@ def _with(
     )  # fmt: skip
     if other is None:
         return None
-    other = attempt(refine_switching_instant, other, trials, kinds, fit.cost, np.inf, at)
-    return other if other is not None and np.isfinite(other.cost) else None
+    return refine_switching_instant(other, trials, kinds, fit.cost, np.inf, at)
 
 
 def _as_strong(

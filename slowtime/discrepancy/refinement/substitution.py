@@ -181,13 +181,7 @@ def _searched_again(
     tell: Monitor,
     among: Sequence[Kind] | None = None,
 ) -> Hypothesis | None:
-    """Look for one effect again beside the others; the hypothesis with what was found.
-
-    Parameters
-    ----------
-    among
-        Kinds to put in its place; those that contain no others where not given.
-    """
+    """Look for one effect again beside the others; the hypothesis with what was found."""
     last, trials = hypothesis.last, hypothesis.trials
     own = hypothesis.given_effects
     known = fitted_effects(last)[own + number]

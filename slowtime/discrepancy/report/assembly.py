@@ -1,14 +1,15 @@
 """Assembly of the diagnosis: verdict and words from what a likelihood says of a campaign."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeVar
 
 from slowtime.discrepancy.data.screening import Finding
-from slowtime.discrepancy.diagnosis import Diagnosis, NamedEffect
+from slowtime.discrepancy.diagnosis import Answer, Diagnosis, NamedEffect, Rival, Verdict
 from slowtime.discrepancy.selection.probabilities import fault_of
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Kind, Place
 
-from .outcome import Outcome
+from .outcome import CampaignOutcome, Outcome
 from .sentences import (
     closing_sentence,
     contradiction,
@@ -16,14 +17,54 @@ from .sentences import (
     verdict_and_sentence,
 )
 
+Report = TypeVar("Report", bound=Answer)
+
+
+def answered(
+    report: Callable[..., Report],
+    outcome: Outcome,
+    answers: Sequence[NamedEffect],
+    words: Callable[[Rival], str],
+    closing: Callable[[Verdict], str] = lambda verdict: "",
+    **rest: Any,
+) -> Report:
+    """Give a report of an outcome, in the same words for every likelihood.
+
+    Parameters
+    ----------
+    report
+        Class of the report.
+    answers
+        Effects that are named, and faults of channels.
+    words
+        Name of a rival, and its place.
+    closing
+        Further sentences under a verdict.
+    rest
+        Fields of the report beyond those of `Answer`.
+    """
+    verdict, sentence = verdict_and_sentence(outcome, answers, words)
+    sentence += experiment_sentence(verdict, outcome.experiment)
+    return report(
+        verdict=verdict,
+        sentence=sentence + closing(verdict),
+        effects=tuple(answers),
+        undecided=tuple(outcome.undecided) if verdict == "undecided" else (),
+        experiment=outcome.experiment,
+        nothing_probability=outcome.nothing_probability,
+        residual_white=outcome.residual_white,
+        white_p_value=outcome.white_p_value,
+        **rest,
+    )
+
 
 def assemble(
     given: Description,
-    outcome: Outcome,
+    outcome: CampaignOutcome,
     findings: Sequence[Finding],
     kinds: Mapping[str, Kind],
 ) -> Diagnosis:
-    """Put a diagnosis together, in the same words for every likelihood.
+    """Put the diagnosis of a campaign together.
 
     Parameters
     ----------
@@ -34,24 +75,19 @@ def assemble(
     """
     faults = [a for f in findings if (a := fault_of(f, given, kinds)) is not None]
     answers = _once([*outcome.effects, *faults])
-    verdict, sentence = verdict_and_sentence(outcome, answers, kinds)
-    sentence += experiment_sentence(verdict, outcome.experiment)
-    sentence += contradiction(verdict, outcome.gap)
-    return Diagnosis(
-        verdict=verdict,
-        sentence=sentence + closing_sentence(outcome.gap, outcome.measure),
-        effects=tuple(answers),
-        undecided=tuple(outcome.undecided) if verdict == "undecided" else (),
-        experiment=outcome.experiment,
-        nothing_probability=outcome.nothing_probability,
+    gap, measure = outcome.gap, outcome.measure
+    return answered(
+        Diagnosis,
+        outcome,
+        answers,
+        lambda rival: f"{kinds[rival.effect].words} at {rival.place}",
+        lambda verdict: contradiction(verdict, gap) + closing_sentence(gap, measure),
         moved=outcome.moved,
         where=outcome.where,
         when=outcome.when,
         findings=tuple(findings),
-        gap=outcome.gap,
+        gap=gap,
         chi2_per_datum=outcome.chi2_per_datum,
-        residual_white=outcome.residual_white,
-        white_p_value=outcome.white_p_value,
         nominal=given,
         refitted=outcome.refitted,
         augmented=outcome.augmented,

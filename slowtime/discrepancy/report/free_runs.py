@@ -32,7 +32,7 @@ from .final_model import KeptModel, kept_model, moved_constants, requoted_judgem
 from .judgement import judge, unknown_sentence
 from .likeness import likenesses
 from .notes import notes_of
-from .outcome import NEVER, Outcome, gap_of
+from .outcome import NEVER, CampaignOutcome, gap_of
 from .surface_cuts import measured_force
 
 
@@ -67,7 +67,7 @@ def report(
     assert located is not None
     doubted = bool(found.pair) and not unknown
     white_p_value = chi2_p_value(last)
-    outcome = Outcome(
+    outcome = CampaignOutcome(
         effects=judged.effects,
         undecided=found.undecided,
         unknown=unknown_sentence(found, evaluation, kinds) if unknown else "",

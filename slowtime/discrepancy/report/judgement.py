@@ -46,13 +46,7 @@ class Judgement:
 
 
 def judge(found: Hypothesis, evaluation: Evaluation, kinds: Mapping[str, Kind]) -> Judgement:
-    """Judge a hypothesis by what it leaves, and by records that were not fitted.
-
-    Parameters
-    ----------
-    evaluation
-        Free runs on records that were not fitted.
-    """
+    """Judge a hypothesis by what it leaves, and by records that were not fitted."""
     found = _doubted(found, evaluation, kinds)
     unknown = is_unknown(found, evaluation, kinds)
     found = found if unknown else _near_unknown(found)

@@ -94,17 +94,14 @@ def notes_of(
         notes.append(LITTLE)
     if not kept.useless:
         notes += _negative_damping(kept.fit)
-    return (*notes, *_note_on_noise(found, evaluation, kinds, unknown=unknown))
+    # Noise of another colour keeps what is left from being unknown.
+    if not unknown and is_only_noise_left(found, evaluation) and leaves_too_much(found, kinds):
+        notes.append(LOUD)
+    return tuple(notes)
 
 
 def _note_on_refit(refitted: FreeRunRefit, last: Fit, error: float, after: float) -> str:
-    """Say which constants the refit to free runs has changed, and what that gains.
-
-    Parameters
-    ----------
-    error, after
-        Of free runs on what was not fitted, before and after [1].
-    """
+    """Say which constants the refit to free runs has changed, and what that gains."""
     before = dict(zip(last.prior.names, last.free.tolist(), strict=True))
     told = ", ".join(
         f"{' '.join(map(str, name[2:] or name))} {before[name]:.4g} → {value:.4g}"
@@ -145,14 +142,6 @@ def _notes_on_effects(
     yield from _pieced(found, kinds)
     yield from _as_well(found, kinds)
     yield from _besides(found)
-
-
-def _note_on_noise(
-    found: Hypothesis, evaluation: Evaluation, kinds: Mapping[str, Kind], *, unknown: bool
-) -> Iterator[str]:
-    """Tell of noise of another colour, where that keeps what is left from being unknown."""
-    if not unknown and is_only_noise_left(found, evaluation) and leaves_too_much(found, kinds):
-        yield LOUD
 
 
 def _besides(found: Hypothesis) -> tuple[str, ...]:

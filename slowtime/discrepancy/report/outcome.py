@@ -43,46 +43,64 @@ class ErrorMeasure:
 
 FREE_RUNS = ErrorMeasure()
 NEVER = When((), (), "")
+NOTHING = "nothing_missing"
+"""In place of an effect, among rivals."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Outcome:
-    """Hypotheses about a campaign as one likelihood judges them, of spectra for example.
+    """Hypotheses as one likelihood judges them, of frequencies over slow time for example.
 
-    Fields that are not told here are those of `Diagnosis`.
+    Fields that are not told here are those of `Answer`.
 
     Parameters
     ----------
     effects
         That are named, with their rivals; faults of channels that screening found come beside.
     undecided
-        What the records cannot tell apart; empty where all is decided.
+        What the records cannot tell apart, no effect (`NOTHING`) included; empty where all is
+        decided.
     constants_suffice, near_unknown
         Whether wrong constants, or a law near the one named that is not known, are among these.
     unknown
         What is missing, in words, where no effect known here explains it; empty otherwise.
-    measure
-        What the errors of `gap` are of.
+    nothing
+        Said where nothing is missing.
+    moved
+        Constants of the model that left their tolerance, with new values.
     """
 
     effects: Sequence[NamedEffect]
     undecided: Sequence[Rival]
     unknown: str
-    moved: Mapping[str, Number]
+    nothing_probability: float
+    residual_white: bool
+    white_p_value: float
+    nothing: str = "Nothing is missing beyond the stated tolerances."
+    moved: Mapping[str, Number] = dataclasses.field(default_factory=dict)
+    constants_suffice: bool = False
+    near_unknown: bool = False
+    experiment: Experiment | None = None
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class CampaignOutcome(Outcome):
+    """The same of a campaign; fields that are not told here are those of `Diagnosis`.
+
+    Parameters
+    ----------
+    measure
+        What the errors of `gap` are of.
+    """
+
     gap: Gap
     refitted: Description
     augmented: Description
-    nothing_probability: float
     chi2_per_datum: float
-    residual_white: bool
-    white_p_value: float
     traces: tuple[Traces, ...]
     spectra: Spectra
     notes: Sequence[str]
-    constants_suffice: bool = False
-    near_unknown: bool = False
     measure: ErrorMeasure = FREE_RUNS
-    experiment: Experiment | None = None
     where: tuple[Suspect, ...] = ()
     when: When = NEVER
     surface: Surface | None = None

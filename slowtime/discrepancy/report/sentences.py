@@ -1,13 +1,12 @@
 """Verdict and sentence of a diagnosis."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 
 from slowtime.discrepancy.diagnosis import Experiment, Gap, NamedEffect, Rival, Verdict
 from slowtime.discrepancy.selection.probabilities import verdict_of
-from slowtime.dynamics.effects import Kind
 
 from .explanation import FALLEN_ERROR_SHARE
-from .outcome import ErrorMeasure, Outcome
+from .outcome import NOTHING, ErrorMeasure, Outcome
 
 CONTRADICTED_RATIO = 5.0
 """[1] Error on held-out records over that of noise alone, from which they contradict a model
@@ -27,46 +26,41 @@ NEARER = (
 
 
 def verdict_and_sentence(
-    outcome: Outcome, answers: Sequence[NamedEffect], kinds: Mapping[str, Kind]
+    outcome: Outcome, answers: Sequence[NamedEffect], words: Callable[[Rival], str]
 ) -> tuple[Verdict, str]:
-    """Give the verdict, and say it to people.
-
-    Parameters
-    ----------
-    answers
-        Effects that are named, and faults of channels.
-    """
+    """Give the verdict, and say it to people; the parameters are those of `answered`."""
     if outcome.unknown:
         return "unknown_effect", outcome.unknown
     if outcome.undecided:
-        return "undecided", _undecided(outcome, kinds)
+        return "undecided", _undecided(outcome, words)
     if answers:
-        return verdict_of(answers, kinds), " ".join(a.sentence for a in answers)
+        return verdict_of(answers), " ".join(a.sentence for a in answers)
     if outcome.moved:
         told = ", ".join(f"{name} = {n.text}" for name, n in outcome.moved.items())
         return (
             "parameters_only",
             f"No effect is missing, but constants are outside their tolerances: {told}.",
         )
-    return "nothing_missing", "Nothing is missing beyond the stated tolerances."
+    return "nothing_missing", outcome.nothing
 
 
-def _undecided(outcome: Outcome, kinds: Mapping[str, Kind]) -> str:
+def _undecided(outcome: Outcome, words: Callable[[Rival], str]) -> str:
     rivals: Sequence[Rival] = outcome.undecided
     together = len(rivals) > 1 and len(rivals) == len(outcome.effects)
     together &= {(r.effect, r.place) for r in rivals} == {
         (a.effect.kind, a.effect.place) for a in outcome.effects
     }
     word = " together with " if together else " or "
-    names = word.join(f"{kinds[r.effect].words} at {r.place}" for r in rivals)
+    names = word.join("nothing" if r.effect == NOTHING else words(r) for r in rivals)
     names += ", or only wrong constants of the model" if outcome.constants_suffice else ""
     names += (
         ", or a similar law that is not in slowtime's catalogue" if outcome.near_unknown else ""
     )
-    return (
-        "Something is missing, but these records do not identify it uniquely. Possible "
-        f"explanations: {names}." + (NEARER if outcome.near_unknown else "")
-    )
+    lead = "Something is missing, but these records do not identify it uniquely."
+    if any(r.effect == NOTHING for r in rivals):
+        lead = "These records do not tell whether something is missing."
+    told = f"{lead} Possible explanations: {names}."
+    return told + (NEARER if outcome.near_unknown else "")
 
 
 def experiment_sentence(verdict: Verdict, experiment: Experiment | None) -> str:

@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Callable
 
-from slowtime.discrepancy.calibration import BREAKDOWNS, Fit, FitAbandoned, FitControl, refit
+from slowtime.discrepancy.calibration import Fit, FitControl, try_refit
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
 from slowtime.discrepancy.diagnosis import NamedEffect
 from slowtime.discrepancy.hypothesis import Hypothesis, SearchStep
@@ -53,13 +53,7 @@ def _by_the_others(
     number: int,
     grow: Grow,
 ) -> tuple[Hypothesis, Fit]:
-    """Look for what is missing beside a sensor that drifts, by all that the others say.
-
-    Returns
-    -------
-    The hypothesis, and the fit that the drift is added to: `before` where there are no other
-    sensors, or nothing else is missing.
-    """
+    """Look for what is missing beside a sensor that drifts, by all that the others say."""
     place = drift.effect.place
     trials = without_sensor(before, found.trials, place.id)
     # What the sensor was said to be off by was the mean of its drift.
@@ -73,15 +67,13 @@ def _by_the_others(
         or not any(trial.used.any() for trial in trials)
     ):
         return found, before
-    try:
-        first = refit(
-            whole.plant, trials, values=whole.values, states=whole.states,
-            horizons=(1.0,), control=FitControl(is_late=lambda: how.monitor.is_late),
-        )  # fmt: skip
-    except FitAbandoned:
-        return dataclasses.replace(found, exhausted=True), before
-    except BREAKDOWNS:
-        return found, before
+    first = try_refit(
+        whole.plant, trials, values=whole.values, states=whole.states,
+        horizons=(1.0,), control=FitControl(is_late=lambda: how.monitor.is_late),
+    )  # fmt: skip
+    if first is None:
+        exhausted = found.exhausted or how.monitor.is_late
+        return dataclasses.replace(found, exhausted=exhausted), before
     rest = grow(Hypothesis((first,), trials, effects=kept), how, number)
     found = dataclasses.replace(found, exhausted=found.exhausted or rest.exhausted)
     fresh = rest.effects[len(kept) :]

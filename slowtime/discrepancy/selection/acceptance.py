@@ -212,7 +212,9 @@ def _worth_it(
     if alone:
         # What leaves the constant as far off is no other answer either.
         fitted = [one for one in fitted if one is best or not _still_off(one.fit, best.effect)]
-    besides = [_retuned(bare)] if terms.pulled and not alone else []
+    besides = []
+    if terms.pulled and not alone:
+        besides.append(_bare(bare) + float(relief(list(bare.constant_pulls.values())).sum()))
     shares = shares_of(fitted, kinds, besides, bare)
     if sum(shares) < 1 - LIMITS.decided_probability:
         return None
@@ -301,13 +303,7 @@ def end_with(
     kinds: Mapping[str, Kind],
     carried: Effect | None = None,
 ) -> SearchStep:
-    """Add an effect that follows no law, after which nothing more can be found.
-
-    Parameters
-    ----------
-    carried
-        What stands in the model in its place, where that differs.
-    """
+    """Add an effect that follows no law, after which nothing more can be found."""
     fit = carry_effect(before, carried or effect.effect, kinds)
     grown = dataclasses.replace(hypothesis.with_effect(fit, effect), rest=None, final=True)
     return SearchStep(grown, added=0)
@@ -331,11 +327,6 @@ def _still_off(fit: Fit, effect: Effect) -> bool:
     """Whether the constant that an effect changes is off in a fit without it."""
     pull = fit.pulls.get((CONSTANTS[effect.kind][0], effect.place.id), 0.0)
     return abs(pull) > LIMITS.moved_tolerances
-
-
-def _retuned(fit: Fit) -> float:
-    """Log evidence of constants whose tolerance was stated too small."""
-    return _bare(fit) + float(relief(list(fit.constant_pulls.values())).sum())
 
 
 def _bare(fit: Fit) -> float:

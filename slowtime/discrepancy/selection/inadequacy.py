@@ -73,15 +73,7 @@ def law_probability(found: Hypothesis) -> float:
 def temper_unexplained(
     effects: Sequence[NamedEffect], found: Hypothesis
 ) -> tuple[NamedEffect, ...]:
-    """Lower the probability of names where what is left is far above the noise and not white.
-
-    Parameters
-    ----------
-    effects
-        With their probabilities beside each other.
-    found
-        The fits without effects and with all of them.
-    """
+    """Lower the probability of names where the rest is far above the noise and not white."""
     share = law_probability(found)
     return tuple(
         dataclasses.replace(one, probability=share * one.probability) for one in effects

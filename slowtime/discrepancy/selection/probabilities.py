@@ -37,21 +37,10 @@ def hardly_any(last: Fit, first: Fit) -> bool:
 
 
 def probabilities(scores: Sequence[float], excess: float) -> list[float]:
-    """Probabilities of models from their log evidence.
+    """Probabilities of models from their log evidence [nats].
 
-    Log evidence is tempered by `evidence_power` of the thresholds, and by what the best model
-    leaves over the noise.
-
-    Parameters
-    ----------
-    scores
-        Log evidence of each model [nats].
-    excess
-        Mean square that the best model leaves [noise variances].
-
-    Returns
-    -------
-    One for each model, in their order; they sum to 1.
+    Log evidence is tempered by `evidence_power` of the thresholds, and by the mean square that
+    the best model leaves (`excess`) [noise variances].
     """
     log_odds = np.asarray(scores) * LIMITS.evidence_power / max(excess, 1.0)
     shares: list[float] = scipy.special.softmax(log_odds).tolist()
@@ -64,19 +53,7 @@ def shares_of(
     besides: Sequence[float] = (),
     bare: Fit | None = None,
 ) -> list[float]:
-    """Give the probability of each candidate, in their order.
-
-    Parameters
-    ----------
-    found
-        Refitted candidates, the best first.
-    besides
-        Log evidence [nats] of other answers without an effect, which take their share.
-
-    Returns
-    -------
-    One for each candidate [1]; with those of `besides` they sum to 1.
-    """
+    """Give the probability of each candidate; what is `besides` [nats] takes its share."""
     scores = [n.score + leniency(n, kinds, bare) for n in found]
     return probabilities([*scores, *besides], found[0].fit.chi2_in_band)[: len(scores)]
 
@@ -84,15 +61,7 @@ def shares_of(
 def answer_of(
     found: Sequence[FittedCandidate], shares: Sequence[float], kinds: Mapping[str, Kind]
 ) -> NamedEffect:
-    """Give the best candidate as an effect, with its parameters and rivals.
-
-    Parameters
-    ----------
-    found
-        Refitted candidates, the best first.
-    shares
-        Probability of each [1].
-    """
+    """Give the best candidate as an effect, with its parameters and rivals."""
     best = found[0]
     numbers = numbers_of(best.fit, len(best.description.effects) - 1)
     others = [
@@ -109,13 +78,7 @@ def name_best(
     others: Iterable[Rival],
     kinds: Mapping[str, Kind],
 ) -> NamedEffect:
-    """Name the likeliest effect, with the rivals that are probable enough to be told.
-
-    Parameters
-    ----------
-    others
-        What may be in its stead, the most probable first.
-    """
+    """Name the likeliest effect, with the rivals that are probable enough to be told."""
     told = [rival for rival in others if rival.probability > LIMITS.told_probability]
     return quoted(effect, numbers, kinds[effect.kind], probability, told)
 
@@ -178,10 +141,10 @@ def fault_of(
     return dataclasses.replace(quoted(effect, numbers, kind, 0.99), sentence=finding.sentence)
 
 
-def verdict_of(answers: Sequence[NamedEffect], kinds: Mapping[str, Kind]) -> Verdict:
+def verdict_of(answers: Sequence[NamedEffect]) -> Verdict:
     """One word for what was named: physics first."""
-    where = {kinds[a.effect.kind].where for a in answers}
-    if where & {"element", "node", "base"}:
+    where = {a.effect.place.kind for a in answers}
+    if not where <= {"sensor", "input"}:
         return "missing_effect"
     return "sensor_fault" if "sensor" in where else "input_fault"
 
@@ -189,15 +152,7 @@ def verdict_of(answers: Sequence[NamedEffect], kinds: Mapping[str, Kind]) -> Ver
 def rivals_within(
     found: Sequence[FittedCandidate], shares: Sequence[float]
 ) -> tuple[Rival, ...]:
-    """Give the candidates that together hold `undecided_mass` of the probability.
-
-    Parameters
-    ----------
-    found
-        Refitted candidates, the most probable first.
-    shares
-        Probability of each [1].
-    """
+    """Give the candidates that together hold `undecided_mass` of the probability."""
     return _greater([
         Rival(named.effect.kind, named.effect.place, share)
         for named, share in zip(found, shares, strict=True)

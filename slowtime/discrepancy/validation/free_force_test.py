@@ -56,19 +56,7 @@ def refuted_by_free_force(
     trials: Sequence[Trial],
     kinds: Mapping[str, Kind],
 ) -> LawDoubt | None:
-    """Find an element at which the named laws are refuted, or one of them is needless.
-
-    Parameters
-    ----------
-    fit
-        Of the whole model, which leaves noise only.
-    first
-        Number of the first effect that was named; those before belong to the given model.
-
-    Returns
-    -------
-    None where no law is doubted, or where friction acts along the measured motion.
-    """
+    """Find an element at which the named laws are refuted, or one of them is needless."""
     if needs_measured_friction(fit.plant, fit.noise):
         return None
     places = _named_elements(fit, first)
@@ -146,19 +134,10 @@ def _distance_to_small_force(
     steps: Float[np.ndarray, " direction"],
     most: float,
 ) -> float:
-    """Squared distance from the estimate to the nearest force that is small enough.
+    """Squared distance [sd²] to the nearest force of a root mean square up to `most` [N].
 
-    Parameters
-    ----------
-    power
-        Mean products of the forces of one standard deviation along each direction [N^2].
-    most
-        Root mean square that is small enough [N].
-
-    Returns
-    -------
-    The distance in standard deviations, squared: a quadratic with one quadratic constraint,
-    solved by its Lagrange multiplier.
+    A quadratic with one quadratic constraint, solved by its Lagrange multiplier. `power` holds
+    mean products of the forces of one standard deviation along each direction [N²].
     """
     squares, turned = np.linalg.eigh(power)
     squares, along = np.maximum(squares, 0.0), turned.T @ steps

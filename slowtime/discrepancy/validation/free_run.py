@@ -117,12 +117,7 @@ def free_runs(fit: Fit, trials: Sequence[Trial]) -> list[Series]:
 
 
 def refit_on_record(fit: Fit, trial: Trial) -> Fit | None:
-    """Refit a model to another record, whose noise is estimated anew.
-
-    Returns
-    -------
-    None where the free run diverges.
-    """
+    """Refit a model to another record, whose noise is estimated anew."""
     state = _initial_state(fit, _first_part(trial), _noise_of_first_record(fit))
     return try_refit(fit.plant, (trial,), values=fit.values, states=[state], horizons=(1.0,))
 

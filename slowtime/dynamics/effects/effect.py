@@ -3,7 +3,7 @@
 import dataclasses
 import difflib
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal
 
 from slowtime.dynamics.description import BASE, Description, DescriptionError, Spring
 
@@ -15,9 +15,12 @@ Path = tuple[str | int, ...]
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Place:
-    """Where an effect sits: an element, a node, the base, an input or a sensor, by name."""
+    """Where an effect sits: an element, a node, the base, an input or a sensor, by name.
 
-    kind: Where
+    Of a history of features it is the covariate that it follows, or time.
+    """
+
+    kind: Where | Literal["covariate", "time"]
     id: str
 
     def __str__(self) -> str:

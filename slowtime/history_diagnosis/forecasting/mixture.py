@@ -86,13 +86,7 @@ def build_model(
     before: MixtureModel | None = None,
     rivals: tuple[EnsembleMember, ...] = (),
 ) -> MixtureModel:
-    """Fit all terms together, with each variant of the process, and sample a mixture.
-
-    Parameters
-    ----------
-    past, readings
-        The history, and the same scaled and screened.
-    """
+    """Fit all terms together, with each variant of the process, and sample a mixture."""
     fits = [
         maximize_evidence(readings, (), terms, start) for start in process_variants(process)
     ]

@@ -150,15 +150,7 @@ def log_process_prior(process: MaternProcess) -> float:
 def fit_variants(
     readings: ScreenedHistory, terms: tuple[Term, ...], process: MaternProcess
 ) -> LaplaceFit:
-    """Fit each variant of the process, and add their evidence up.
-
-    Parameters
-    ----------
-    terms
-        Terms with fixed shapes.
-    process
-        Where the search for the process starts.
-    """
+    """Fit each variant of the process, and add their evidence up."""
     starts = process_variants(process)
     return add_variants([maximize_evidence(readings, terms, (), start) for start in starts])
 

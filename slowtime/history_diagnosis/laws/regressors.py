@@ -104,13 +104,7 @@ def power_law(time: Series, exponent: float) -> Columns:
 
 @no_type_check
 def sawtooth(time: Series, cycles: float, phase: float) -> Columns:
-    """Return a sawtooth between -1/2 and 1/2.
-
-    Parameters
-    ----------
-    phase
-        Position within a tooth at mid-history, from 0 to 1.
-    """
+    """Return a sawtooth between -1/2 and 1/2."""
     return (np.mod((time - 0.5) * cycles + phase, 1.0) - 0.5)[:, None]
 
 

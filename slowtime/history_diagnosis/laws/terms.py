@@ -69,13 +69,7 @@ def design(
 def column_priors(
     columns: Float[np.ndarray, "time column"], mask: Bool[np.ndarray, " time"]
 ) -> Float[np.ndarray, " column"]:
-    """Return prior variances with which each column may explain the scatter of the readings.
-
-    Parameters
-    ----------
-    mask
-        Readings used, whose scatter is 1.
-    """
+    """Return prior variances with which each column may explain the scatter of the readings."""
     variance = np.var(columns[mask], axis=0)
     widths: Float[np.ndarray, " column"] = 1.0 / np.maximum(variance, _LEAST_COLUMN_VARIANCE)
     return widths

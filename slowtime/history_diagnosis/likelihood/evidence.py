@@ -101,15 +101,6 @@ def log_evidence(
     """Log-evidence of a law [nats], without its coefficients.
 
     Unchecked, because a search for the best process calls it thousands of times.
-
-    Parameters
-    ----------
-    process, step, variance
-        As for `whitened_gram`.
-    columns
-        One regressor for each coefficient, then the reading.
-    prior_variance, count
-        As for `coefficient_posterior`.
     """
     gram, log_determinant = whitened_gram(process, step, variance, columns)
     inner = np.arange(len(prior_variance))

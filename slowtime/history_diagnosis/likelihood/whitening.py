@@ -111,15 +111,7 @@ def continue_whitening(
     variance: Float[np.ndarray, " time"],
     columns: Float[np.ndarray, "time column"],
 ) -> FilterResult:
-    """Filter later rows, starting from the state at which an earlier call ended.
-
-    Parameters
-    ----------
-    process, time, variance, columns
-        As for `whiten`.
-    state
-        Result of the earlier call, for the same columns.
-    """
+    """Filter later rows, starting from the state at which an earlier call ended."""
     step = np.diff(time, prepend=state.time)
     mean, covariance = state.mean.copy(), state.covariance.copy()
     white, spread, log_determinant = _filter(process, step, variance, columns, mean, covariance)
@@ -133,21 +125,7 @@ def one_step_errors(
     used: Bool[np.ndarray, " time"],
     columns: Float[np.ndarray, "time column"],
 ) -> tuple[Float[np.ndarray, "time column"], Float[np.ndarray, " time"]]:
-    """Predict each reading from the used ones before it.
-
-    Parameters
-    ----------
-    process, time, columns
-        As for `whiten`.
-    variance
-        Of the noise of each reading; finite.
-    used
-        False for readings that are predicted but do not update the state.
-
-    Returns
-    -------
-    Prediction error of each column, and the variance that it should have, noise included.
-    """
+    """Predict each reading from the used ones before it."""
     filtered = whiten(process, time, np.where(used, variance, _IGNORED_VARIANCE), columns)
     ignored = filtered.spread - _IGNORED_VARIANCE + variance
     expected = np.maximum(np.where(used, filtered.spread, ignored), variance)
@@ -164,13 +142,6 @@ def whitened_gram(
     """Products of the whitened columns with each other, and the log-determinant.
 
     Unchecked, because a search for the best process calls it thousands of times.
-
-    Parameters
-    ----------
-    process, variance, columns
-        As for `whiten`.
-    step
-        Time since the reading before; 0 for the first.
     """
     start = process.start
     mean = np.zeros((len(start), columns.shape[1]))

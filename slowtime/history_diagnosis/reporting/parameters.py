@@ -5,23 +5,13 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
+from slowtime.discrepancy.diagnosis import Number
 from slowtime.history_diagnosis.data.history import ScaledHistory
 from slowtime.history_diagnosis.forecasting.mixture import EnsembleMember
 from slowtime.history_diagnosis.laws.terms import ScreenedHistory, Term, solve
-from slowtime.identification.estimates import Measured
 
-Number = tuple[float, float, str]
-"""Value, variance and unit."""
-Numbers = dict[str, Number]
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class EffectParameter:
-    """One number of an effect: its name, value with standard deviation, and unit."""
-
-    name: str
-    measured: Measured
-    unit: str
+Moments = tuple[float, float, str]
+"""Value, variance and unit of a number."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -49,7 +39,7 @@ def effect_parameters(
     members: tuple[EnsembleMember, ...],
     place: int,
     units: ReportUnits,
-) -> tuple[EffectParameter, ...]:
+) -> dict[str, Number]:
     """Return the parameters of one term, averaged over a mixture.
 
     Parameters
@@ -70,7 +60,7 @@ def effect_parameters(
         )
         told.append(estimate.numbers())
     weights = np.array([member.weight for member in members])
-    best = []
+    best = {}
     for name, (_, _, unit) in told[0].items():
         values = np.array([one[name][0] for one in told])
         variances = np.array([one[name][1] for one in told])
@@ -78,8 +68,8 @@ def effect_parameters(
         sd = float(np.sqrt(weights @ (variances + (values - mean) ** 2)))
         # What is fixed, as a kink at freezing, differs by rounding only.
         sd = sd if sd > 1e-9 * abs(mean) else 0.0
-        best.append(EffectParameter(name, Measured(mean, sd), unit))
-    return tuple(best)
+        best[name] = Number(mean, sd, unit)
+    return best
 
 
 def columns_of(terms: tuple[Term, ...], place: int) -> slice:
@@ -98,7 +88,7 @@ class _Estimate:
     past: ScaledHistory
     units: ReportUnits
 
-    def numbers(self) -> Numbers:
+    def numbers(self) -> dict[str, Moments]:
         """Return all numbers of the term."""
         law, shape, past, units = self.term.law, self.term.shape, self.past, self.units
         if law.name == "step":
@@ -130,16 +120,16 @@ class _Estimate:
             return {}
         return self._covariate()
 
-    def _first(self) -> Number:
+    def _first(self) -> Moments:
         size = self.units.factor * self.past.scale
         return size * self.mean[0], size**2 * self.covariance[0, 0], self.units.value
 
-    def _rate(self) -> Number:
+    def _rate(self) -> Moments:
         value, variance, _ = self._first()
         span = self.past.span
         return value / span, variance / span**2, self.units.rate
 
-    def _slope(self, index: int) -> Number:
+    def _slope(self, index: int) -> Moments:
         assert self.term.law.covariate is not None
         series = self.past.covariates[self.term.law.covariate]
         size = self.units.factor * self.past.scale / series.scale
@@ -147,12 +137,12 @@ class _Estimate:
         variance = size**2 * self.covariance[index, index]
         return size * self.mean[index], variance, self.units.value + per
 
-    def _instant(self, at: float) -> Number:
+    def _instant(self, at: float) -> Moments:
         # Anywhere between two epochs: uniform over a step from one to the next.
         past = self.past
         return past.start + past.span * at, (past.span * past.gap) ** 2 / 12.0, self.units.time
 
-    def _drift(self) -> Numbers:
+    def _drift(self) -> dict[str, Moments]:
         law, shape = self.term.law, self.term.shape
         if law.name == "drift_linear":
             return {"rate": self._rate()} | (
@@ -163,7 +153,7 @@ class _Estimate:
             return {"change": self._first(), "time_constant": constant}
         return {"change": self._first(), "exponent": (float(np.exp(shape[0])), 0.0, "1")}
 
-    def _irregular_sawtooth(self) -> Numbers:
+    def _irregular_sawtooth(self) -> dict[str, Moments]:
         falls, past, units = self.term.shape, self.past, self.units
         lengths = past.span * np.diff(np.sort(falls))
         period = float(np.mean(lengths))
@@ -176,7 +166,7 @@ class _Estimate:
             "last_reset_time": self._instant(max(falls)),
         }
 
-    def _periodic(self) -> Numbers:
+    def _periodic(self) -> dict[str, Moments]:
         mean, covariance, past, units = self.mean, self.covariance, self.past, self.units
         size = units.factor * past.scale
         amplitude = float(np.hypot(*mean))
@@ -192,7 +182,7 @@ class _Estimate:
             "time_of_maximum": (peak, peak_variance, units.time),
         }
 
-    def _covariate(self) -> Numbers:
+    def _covariate(self) -> dict[str, Moments]:
         law = self.term.law
         assert law.covariate is not None
         named = dict(zip((axis.name for axis in law.axes), self.term.shape, strict=True))

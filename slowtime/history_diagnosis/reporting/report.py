@@ -1,27 +1,12 @@
 """Report of a diagnosis of a history: effects, probabilities, and series for plots."""
 
 import dataclasses
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
+from slowtime.discrepancy.diagnosis import Answer
 from slowtime.history_diagnosis.forecasting.mixture import MixtureModel
-
-from .parameters import EffectParameter
-
-HistoryVerdict = Literal[
-    "missing_effect", "nothing_missing", "sensor_fault", "undecided", "unknown_effect"
-]
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class Alternative:
-    """Another law in the place of a named one; `covariate` is None for a law of time."""
-
-    effect: str
-    covariate: str | None
-    probability: float
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -45,38 +30,6 @@ class EffectCurve:
     hi: Float[np.ndarray, " grid"]
     points_x: Float[np.ndarray, " used"]
     points: Float[np.ndarray, " used"]
-
-
-@dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class HistoryEffect:
-    """An effect that was found.
-
-    Parameters
-    ----------
-    effect, family
-        Name of the law, and group of similar laws.
-    covariate
-        That it follows; None for time alone.
-    parameters
-        Its numbers.
-    probability
-        That this law, and no other, stands in its place.
-    alternatives
-        Other laws that might.
-    sentence
-        The effect in words.
-    curve
-        For plots; None where there is none, as for a change of noise.
-    """
-
-    effect: str
-    family: str
-    covariate: str | None
-    parameters: tuple[EffectParameter, ...]
-    probability: float
-    alternatives: tuple[Alternative, ...]
-    sentence: str
-    curve: EffectCurve | None
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -115,28 +68,20 @@ class PlotSeries:
     augmented: Float[np.ndarray, " time"]
 
 
-@dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class HistoryReport:
+@dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class HistoryReport(Answer):
     """Result of `diagnose_history`.
+
+    The place of an effect is the covariate that it follows, time, or a sensor at fault. Where
+    the history does not tell whether anything is missing, "nothing_missing" is one of the
+    undecided. Fields that are not told here are those of a diagnosis by records.
 
     Parameters
     ----------
-    verdict
-        One of five.
-    sentence
-        The result in words.
-    effects
-        In the order in which they were found.
-    undecided
-        Names that the history does not tell apart; "nothing_missing" may be one.
-    experiment
-        What to record to decide; empty where all is decided.
-    nothing_probability
-        Probability that nothing more is missing.
+    curves
+        Of each effect, for plots; None where there is none, as for a change of noise.
     gap
         What adopting the effects is worth.
-    residual_white, white_p_value
-        Whether the prediction errors are uncorrelated (at 1 %), and the p-value [1].
     wander_sd, wander_length
         Standard deviation and length scale of the random process, in the units of value and
         time; 0 if there is none.
@@ -154,15 +99,8 @@ class HistoryReport:
         Models to forecast with; see `adopt`.
     """
 
-    verdict: HistoryVerdict
-    sentence: str
-    effects: tuple[HistoryEffect, ...]
-    undecided: tuple[str, ...]
-    experiment: str
-    nothing_probability: float
+    curves: tuple[EffectCurve | None, ...]
     gap: ScatterGap
-    residual_white: bool
-    white_p_value: float
     wander_sd: float
     wander_length: float
     noise_factor: float

@@ -1,76 +1,50 @@
 """Sentences on effects, and on what to record where they cannot be told apart."""
 
+import dataclasses
+from collections.abc import Mapping
+
+from slowtime.discrepancy.diagnosis import Number
 from slowtime.history_diagnosis.data.history import FilledCovariate
-from slowtime.identification.estimates import Measured
-
-from .parameters import EffectParameter
 
 
-def format_measured(measured: Measured, unit: str, *, signed: bool = False) -> str:
-    """Format value and standard deviation, rounded to two digits of the latter.
-
-    Parameters
-    ----------
-    measured
-        Value and standard deviation; without the latter if it is 0.
-    unit
-        Of both; "1" for none.
-    signed
-        Whether a plus sign is shown.
+def number_text(number: Number, *, signed: bool = False) -> str:
+    """Write a number, to four digits where its standard deviation is not known.
 
     Examples
     --------
-    >>> format_measured(Measured(-0.1134, 0.0123), "%/K", signed=True)
+    >>> number_text(Number(-0.1134, 0.0123, "%/K"))
     '−0.113 ± 0.012 %/K'
-    >>> format_measured(Measured(12.0, 0.0), "day")
-    '12 day'
+    >>> number_text(Number(12.34567, 0.0, "day"), signed=True)
+    '+12.35 day'
     """
-    unit = "" if unit == "1" else f" {unit}"
-    if not measured.sd > 0.0:
-        return f"{_minus(f'{measured.value:.4g}')}{unit}"
-    sd = f"{measured.sd:.2g}"
-    if "e" in sd:
-        return f"{_minus(f'{measured.value:.3g}')} ± {sd}{unit}"
-    if measured.sd < 1.0:
-        digits = len(f"{float(sd):.10f}".rstrip("0").split(".")[1])
-    else:
-        digits = 1 if measured.sd < 9.5 else 0
-    value = f"{measured.value:{'+' if signed else ''}.{digits}f}"
-    return f"{_minus(value)} ± {measured.sd:.{digits}f}{unit}"
+    if not number.sd > 0.0:
+        number = dataclasses.replace(number, value=float(f"{number.value:.4g}"))
+    plus = "+" if signed and number.value > 0.0 else ""
+    return plus + number.text.replace("-", "−")
 
 
 def effect_sentence(
     name: str,
     subject: str,
-    numbers: tuple[EffectParameter, ...],
+    numbers: Mapping[str, Number],
     covariate: FilledCovariate | None,
 ) -> str:
-    """Describe one effect.
-
-    Parameters
-    ----------
-    subject
-        Quantity of the history, as "stiffness".
-    covariate
-        That it follows; None for time.
-    """
+    """Describe one effect of the subject, such as "Stiffness"."""
     told = {
-        p.name: format_measured(
-            p.measured, p.unit, signed="slope" in p.name or "change" in p.name
-        )
-        for p in numbers
+        key: number_text(number, signed="slope" in key or "change" in key)
+        for key, number in numbers.items()
     }
     followed = covariate.name if covariate is not None else ""
     if name.endswith("_curved"):
-        return f"{subject} follows {followed} along a curve that no law of the list draws"
+        return f"{subject} follows {followed} along a curve that no law of the list draws."
     if name.endswith("_linear") and covariate is not None:
-        return f"{subject} follows {followed}, {told['slope']}{_late(told)}"
+        return f"{subject} follows {followed}, {told['slope']}{_late(told)}."
     if name.endswith("_bilinear"):
         return (
             f"{subject} follows {followed}, bilinear at {told['kink']}: "
-            f"{told['slope_below']} below, {told['slope_above']} above{_late(told)}"
+            f"{told['slope_below']} below, {told['slope_above']} above{_late(told)}."
         )
-    return f"{subject} {_predicate(name, told, followed)}"
+    return f"{subject} {_predicate(name, told, followed)}."
 
 
 def _predicate(name: str, told: dict[str, str], followed: str) -> str:
@@ -156,7 +130,3 @@ def _late(told: dict[str, str]) -> str:
     if "lag" in told:
         return f", lagging by {told['lag']}"
     return f", late by {told['delay']}" if "delay" in told else ""
-
-
-def _minus(text: str) -> str:
-    return text.replace("-", "−")

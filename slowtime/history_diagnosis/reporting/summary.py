@@ -4,26 +4,32 @@ from typing import Literal
 
 import numpy as np
 
+from slowtime.discrepancy.diagnosis import Experiment, NamedEffect, Number, Rival
+from slowtime.discrepancy.report.assembly import answered
+from slowtime.discrepancy.report.outcome import NOTHING, Outcome
+from slowtime.dynamics.effects import Effect, Place
+from slowtime.history_diagnosis.data.history import ScaledHistory
 from slowtime.history_diagnosis.data.mode_swaps import ModeSwap
 from slowtime.history_diagnosis.forecasting.mixture import MixtureModel
+from slowtime.history_diagnosis.laws.catalogue import CandidateLaw
 from slowtime.history_diagnosis.laws.terms import solve
 from slowtime.history_diagnosis.selection.forward_selection import (
     ModelComparison,
+    RankedLaw,
     SelectionResult,
 )
 from slowtime.history_diagnosis.selection.mode_departures import ModeDeparture
-from slowtime.identification.estimates import Measured
 
 from . import curves, sentences
-from .parameters import EffectParameter, ReportUnits, effect_parameters
-from .report import Alternative, HistoryEffect, HistoryReport, HistoryVerdict
+from .parameters import ReportUnits, effect_parameters
+from .report import HistoryReport
 
 Quantity = Literal["stiffness_change", "frequency_ratio", "frequency_hz"]
 
 _SUBJECTS = {
-    "stiffness_change": ("stiffness", "%", 100.0),
-    "frequency_ratio": ("frequency", "%", 100.0),
-    "frequency_hz": ("frequency", "Hz", 1.0),
+    "stiffness_change": ("Stiffness", "%", 100.0),
+    "frequency_ratio": ("Frequency", "%", 100.0),
+    "frequency_hz": ("Frequency", "Hz", 1.0),
 }
 _DECIDED = 0.8
 """[probability] Of a family, from which it is named. Source: a decision of the interface."""
@@ -63,8 +69,8 @@ def summarize(
         for place, comparison in enumerate(found.comparisons)
     ]
     effects = (*laws, *_sensor_faults(augmented, swap, departed, units))
-    undecided = _undecided(found)
-    verdict = _verdict(effects, undecided)
+    undecided = _undecided(found, past)
+    unknown = any(one.effect.kind.endswith("_curved") for one in laws) and not undecided
     best = augmented.members[0]
     posterior, _ = solve(augmented.readings, best.terms, best.process)
     noise_factor = float(np.sqrt(posterior.noise_variance))
@@ -75,19 +81,27 @@ def summarize(
         for law in comparison.by_name()
         if law.covariate is not None
     }
-    span = f"{past.span:.3g} {time_unit}"
-    experiment = sentences.suggest_experiment(list(undecided), followed, span)
-    used = {covariate.name for covariate in past.covariates}
-    return HistoryReport(
-        verdict=verdict,
-        sentence=_sentence(verdict, effects, undecided, subject),
+    names = list(dict.fromkeys(rival.effect for rival in undecided))
+    advice = sentences.suggest_experiment(names, followed, f"{past.span:.3g} {time_unit}")
+    outcome = Outcome(
         effects=effects,
         undecided=undecided,
-        experiment=experiment if undecided else "",
+        unknown=" ".join(one.sentence for one in effects) if unknown else "",
+        nothing=f"Nothing is missing: {subject.lower()} only wanders as the twin expects.",
         nothing_probability=found.last.nothing.probability,
-        gap=curves.scatter_gap(nominal, augmented),
         residual_white=p_value > _WHITE,
         white_p_value=p_value,
+        experiment=Experiment(advice) if undecided else None,
+    )
+    used = {covariate.name for covariate in past.covariates}
+    drawn = tuple(curves.effect_curve(augmented, place) for place in range(len(laws)))
+    return answered(
+        HistoryReport,
+        outcome,
+        effects,
+        _words,
+        curves=drawn + (None,) * (len(effects) - len(laws)),
+        gap=curves.scatter_gap(nominal, augmented),
         wander_sd=past.scale * best.process.sd * noise_factor,
         wander_length=past.span * best.process.length if best.process.sd > 0.0 else 0.0,
         noise_factor=noise_factor,
@@ -106,33 +120,37 @@ def _effect(
     place: int,
     subject: str,
     units: ReportUnits,
-) -> HistoryEffect:
+) -> NamedEffect:
     """Describe one selected term: its numbers, its rivals, its sentence."""
-    law = augmented.members[0].terms[place].law
-    covariates = augmented.readings.past.covariates
-    followed = None if law.covariate is None else covariates[law.covariate]
+    law, past = augmented.members[0].terms[place].law, augmented.readings.past
+    followed = None if law.covariate is None else past.covariates[law.covariate]
     numbers = effect_parameters(augmented.readings, augmented.members, place, units)
     ranked = comparison.by_name()
     own = (law.name, law.covariate)
-    rivals = [
-        Alternative(
-            other.name,
-            None if other.covariate is None else covariates[other.covariate].name,
-            other.probability,
-        )
-        for other in ranked
-        if other.key != own and other.probability > _RIVAL
-    ]
-    return HistoryEffect(
-        law.name,
+    others = (one for one in ranked if one.key != own and one.probability > _RIVAL)
+    return NamedEffect(
+        Effect(law.name, _place(law, past)),
         law.family,
-        None if followed is None else followed.name,
         numbers,
         sum(other.probability for other in ranked if other.key == own),
-        tuple(rivals),
+        tuple(_rival(other, past) for other in others),
         sentences.effect_sentence(law.name, subject, numbers, followed),
-        curves.effect_curve(augmented, place),
     )
+
+
+def _place(law: CandidateLaw | RankedLaw, past: ScaledHistory) -> Place:
+    if law.covariate is not None:
+        return Place("covariate", past.covariates[law.covariate].name)
+    return Place("sensor" if law.name == "sensor_noise" else "time", "")
+
+
+def _words(rival: Rival) -> str:
+    name, place = rival.effect.replace("_", " "), rival.place
+    return f"{name} ({place.id})" if place.kind == "covariate" else name
+
+
+def _rival(law: RankedLaw, past: ScaledHistory) -> Rival:
+    return Rival(law.name, _place(law, past), law.probability)
 
 
 def _sensor_faults(
@@ -140,47 +158,46 @@ def _sensor_faults(
     swap: ModeSwap | None,
     departed: ModeDeparture | None,
     units: ReportUnits,
-) -> list[HistoryEffect]:
+) -> list[NamedEffect]:
     """Describe a swapped mode, and a mode that departed from the others."""
     found = []
     if swap is not None:
         size = units.factor * augmented.readings.past.scale
-        offset = EffectParameter(
-            "offset", Measured(size * swap.offset, size * swap.sd), units.value
-        )
-        share = EffectParameter("share", Measured(100.0 * float(swap.which.mean()), 0.0), "%")
+        numbers = {
+            "offset": Number(size * swap.offset, size * swap.sd, units.value),
+            "share": Number(100.0 * float(swap.which.mean()), 0.0, "%"),
+        }
+        told = {name: sentences.number_text(number) for name, number in numbers.items()}
         sentence = (
-            f"{_parameter_text(share)} of the readings lie at {_parameter_text(offset)} "
-            "from the others: another mode is read in the place of this one"
+            f"{told['share']} of the readings lie at {told['offset']} from the others: another "
+            "mode is read in the place of this one."
         )
-        found.append(_fault("mode_swap", (offset, share), _SWAP_PROBABILITY, sentence))
+        found.append(_fault("mode_swap", "", numbers, _SWAP_PROBABILITY, sentence))
     if departed is not None:
-        change = Measured(units.factor * departed.offset, 0.0)
-        numbers = (
-            EffectParameter("mode", Measured(float(departed.mode), 0.0), "1"),
-            EffectParameter("change", change, units.value),
-            EffectParameter("time", Measured(departed.time, 0.0), units.time),
-        )
+        numbers = {
+            "mode": Number(float(departed.mode), 0.0, "1"),
+            "change": Number(units.factor * departed.offset, 0.0, units.value),
+            "time": Number(departed.time, 0.0, units.time),
+        }
+        told = {name: sentences.number_text(number) for name, number in numbers.items()}
         sentence = (
-            f"mode {departed.mode} alone changes by {_parameter_text(numbers[1])} at "
-            f"{_parameter_text(numbers[2])}, the others do not: look at its sensor or tracking"
+            f"Mode {departed.mode} alone changes by {told['change']} at {told['time']}, the "
+            "others do not: look at its sensor or tracking."
         )
-        found.append(_fault("sensor_change", numbers, departed.probability, sentence))
+        mode = f"mode {departed.mode}"
+        found.append(_fault("sensor_change", mode, numbers, departed.probability, sentence))
     return found
 
 
 def _fault(
-    name: str, numbers: tuple[EffectParameter, ...], probability: float, sentence: str
-) -> HistoryEffect:
-    return HistoryEffect(name, "sensor", None, numbers, probability, (), sentence, None)
+    name: str, sensor: str, numbers: dict[str, Number], probability: float, sentence: str
+) -> NamedEffect:
+    effect = Effect(name, Place("sensor", sensor))
+    return NamedEffect(effect, "sensor", numbers, probability, (), sentence)
 
 
-def _parameter_text(number: EffectParameter) -> str:
-    return sentences.format_measured(number.measured, number.unit)
-
-
-def _undecided(found: SelectionResult) -> tuple[str, ...]:
-    """Names that are not told apart, where no family is sure or something may be missing."""
+def _undecided(found: SelectionResult, past: ScaledHistory) -> tuple[Rival, ...]:
+    """Laws that are not told apart, where no family is sure or something may be missing."""
     for comparison in found.comparisons:
         families: dict[tuple[str, int | None], float] = {}
         ranked = comparison.by_name()
@@ -189,35 +206,10 @@ def _undecided(found: SelectionResult) -> tuple[str, ...]:
             key = law.best.law.family, law.covariate
             families[key] = families.get(key, 0.0) + law.probability
         if max(families.values()) < _DECIDED:
-            return tuple(dict.fromkeys(r.name for r in ranked if r.probability > _LISTED))
-    if not found.comparisons and found.last.nothing.probability < _NOTHING:
-        near = [law.name for law in found.last.by_name() if law.probability > _LISTED]
-        return ("nothing_missing", *dict.fromkeys(near))
+            return tuple(_rival(r, past) for r in ranked if r.probability > _LISTED)
+    nothing = found.last.nothing.probability
+    if not found.comparisons and nothing < _NOTHING:
+        near = [law for law in found.last.by_name() if law.probability > _LISTED]
+        none = Rival(NOTHING, Place("time", ""), nothing)
+        return (none, *(_rival(law, past) for law in near))
     return ()
-
-
-def _verdict(effects: tuple[HistoryEffect, ...], undecided: tuple[str, ...]) -> HistoryVerdict:
-    if undecided:
-        return "undecided"
-    if not effects:
-        return "nothing_missing"
-    if all(effect.family == "sensor" for effect in effects):
-        return "sensor_fault"
-    if any(effect.effect.endswith("_curved") for effect in effects):
-        return "unknown_effect"
-    return "missing_effect"
-
-
-def _sentence(
-    verdict: HistoryVerdict,
-    effects: tuple[HistoryEffect, ...],
-    undecided: tuple[str, ...],
-    subject: str,
-) -> str:
-    told = "; ".join(effect.sentence for effect in effects)
-    if verdict == "nothing_missing":
-        return f"Nothing is missing: {subject} only wanders as the twin expects."
-    if verdict == "undecided":
-        names = " or ".join(name.replace("_", " ") for name in undecided)
-        return f"It cannot be decided: {names}." + (f" The likeliest: {told}." if told else "")
-    return f"{told[0].upper()}{told[1:]}."

@@ -73,9 +73,9 @@ def judge(case: Case) -> Score:
     steps = slow.follow(slow.adopt(report), later[0], values, *later[1:])
     return Score(
         case.truth,
-        tuple(effect.effect for effect in report.effects),
+        tuple(one.effect.kind for one in report.effects),
         report.verdict,
-        report.undecided,
+        tuple(dict.fromkeys(rival.effect for rival in report.undecided)),
         min((e.probability for e in report.effects), default=report.nothing_probability),
         tuple(int(((values >= b.lo) & (values <= b.hi)).sum()) for b in (band, steps)),  # type: ignore[arg-type]
         len(values),

@@ -119,13 +119,7 @@ FREE = SurfaceShape()
 
 
 def scales_of(scales: Mapping[str, float], shape: SurfaceShape) -> dict[str, float]:
-    """Give the scales of a surface of a shape: the range of an odd or even one is symmetric.
-
-    Parameters
-    ----------
-    scales
-        Of a surface of any shape, by name, in their units.
-    """
+    """Give the scales of a surface of a shape: the range of an odd or even one is symmetric."""
     if shape.parity == NEITHER:
         return dict(scales) | shape.parameters
     reach = max(abs(scales["low_m"]), abs(scales["high_m"]))

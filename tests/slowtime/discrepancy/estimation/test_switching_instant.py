@@ -7,6 +7,7 @@ import pytest
 
 from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.calibration.augmentation import simulated_chi2
+from slowtime.discrepancy.estimation import switching_instant
 from slowtime.discrepancy.estimation.switching_instant import (
     MAX_COST_RATIO,
     refine_switching_instant,
@@ -107,3 +108,22 @@ def test_a_fit_that_leaves_only_noise_costs_no_search_for_an_instant():
     with metered() as meter:
         assert refine_switching_instant(fit, trials, KINDS, None, 100.0) is fit
     assert meter.spent == 0
+
+
+def test_a_refit_that_breaks_down_leaves_the_fit_as_it_is(monkeypatch):
+    truth, trials = records_of_a_jump(72.41)
+    at = truth.parameters.index(("effect", 0, "t_jump_s"))
+    right = refit(truth, trials)
+    values = right.values.copy()
+    values[at] -= 1.0
+    wrong = dataclasses.replace(right, values=values, chi2_in_band=1.4)
+
+    begun = []
+
+    def broken(*given, **how):
+        begun.append(how)
+        raise FloatingPointError("grows beyond bounds")
+
+    monkeypatch.setattr(switching_instant, "refit", broken)
+    assert refine_switching_instant(wrong, trials, KINDS, None, 0.0) is wrong
+    assert len(begun) == 1

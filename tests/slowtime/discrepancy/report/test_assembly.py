@@ -8,7 +8,12 @@ import pytest
 from slowtime.discrepancy.data.screening import Finding
 from slowtime.discrepancy.diagnosis import Experiment, Number, Rival, Spectra
 from slowtime.discrepancy.report.assembly import assemble
-from slowtime.discrepancy.report.outcome import ErrorMeasure, Outcome, gap_of
+from slowtime.discrepancy.report.outcome import (
+    NOTHING,
+    CampaignOutcome,
+    ErrorMeasure,
+    gap_of,
+)
 from slowtime.discrepancy.report.sentences import CONTRADICTED
 from slowtime.dynamics.effects import Effect, catalogue
 from tests.slowtime.discrepancy.protocol import named_effect
@@ -35,7 +40,7 @@ def outcome(*errors, **changed):
         "residual_white": True, "white_p_value": 0.5, "traces": (), "notes": ("noted",),
         "spectra": Spectra(np.zeros(0), EMPTY, EMPTY, EMPTY, EMPTY),
     }  # fmt: skip
-    return Outcome(**(known | changed))
+    return CampaignOutcome(**(known | changed))
 
 
 @pytest.mark.parametrize(
@@ -94,3 +99,11 @@ def test_an_experiment_is_said_to_decide_where_something_is_undecided():
     sure = assemble(ONE, outcome(experiment=measure), (), KINDS)
     assert "would decide" not in sure.sentence
     assert "Measure the force." in sure.sentence
+
+
+def test_it_is_not_said_that_something_is_missing_where_nothing_is_a_rival():
+    nothing = Rival(NOTHING, PLACE, 0.4)
+    found = assemble(ONE, outcome(undecided=(nothing, RIVALS[1])), (), KINDS)
+    assert "do not tell whether something is missing" in found.sentence
+    assert "Possible explanations: nothing or " in found.sentence
+    assert "Something is missing" not in found.sentence
