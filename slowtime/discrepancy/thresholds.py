@@ -18,16 +18,20 @@ class Limits:
     three decades under `white_p_value`, because the noise floor is an estimate itself."""
     explained_chi2: float = 1.5
     """[noise variances] Mean square in band up to which a model explains the records. Source:
-    chosen on hidden cases; chi squared over thousands of samples alone would allow 1.05."""
+    docs/what_decides.md: half and double change no answer; chi squared over thousands of
+    samples alone would allow 1.05."""
     far_off_chi2: float = 5.0
     """[noise variances] Mean square in band above which a fit of whole records has not found
-    the right law, or not its minimum. Source: chosen on hidden cases."""
+    the right law, or not its minimum. Source: docs/what_decides.md: half and double change no
+    answer."""
     segment_chi2: float = 2.0
     """[noise variances] Mean square in band that a right law leaves at most of short segments,
-    each with an initial state of its own. Source: chosen on hidden cases."""
+    each with an initial state of its own. Source: docs/what_decides.md: half and double change
+    no answer."""
     several_forces_chi2: float = 3.0
     """[noise variances] Mean square that a free force at the best place leaves, from which one
-    force is not all that is missing. Source: chosen on hidden cases with two effects."""
+    force is not all that is missing. Source: docs/what_decides.md: half and double change no
+    answer."""
     false_alarm_p_value: float = 1e-4
     """[probability] p-value of a gain of likelihood at which a force counts as found. Source:
     one false alarm in ten thousand places tried."""

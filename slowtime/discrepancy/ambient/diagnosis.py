@@ -46,7 +46,7 @@ from .spectra import AmbientFit, fit_spectra, spectral_problem
 from .time_variation import with_time_variation
 
 TOLD_BANDS = 4
-"""[bands] That a sentence names at most. Source: judgement; more cannot be taken in."""
+"""[bands] That a sentence names at most. Source: more cannot be taken in."""
 
 QUIET_PERCENT = 10.0
 """[percent of the lines] That count as noise in pictures. Source: a decision."""

@@ -24,8 +24,8 @@ from .spectra import (
 )
 
 SHORTLIST = 4
-"""[places] That are fitted, of those which the score test ranks. Source: judgement; the true
-place was first or second of up to three in simulated rigs."""
+"""[places] That are fitted, of those which the score test ranks. Source: the true place was
+first or second of up to three in simulated rigs."""
 CREEP = 1e-9
 """[1] Change in units of its scale below which none was found. Source: rounding."""
 SENSOR_CHANGES = {"sensor_gain": "gain", "sensor_delay": "delay"}

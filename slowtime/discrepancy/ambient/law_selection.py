@@ -44,7 +44,8 @@ LEAST_NONLINEAR = 0.02
 """[1] Root mean square of the rest over that of the linear force, below which a law is that of
 a spring and a damper. Source: a force that is not linear by 2 % shows in no spectrum."""
 STARTS = 3
-"""[shapes] From which a law is fitted. Source: judgement."""
+"""[shapes] From which a law is fitted. Source: docs/what_decides.md: half and double change no
+answer."""
 DIFFERENCE_STEP = 1e-2
 """[1] Relative step of a parameter for derivatives. Source: equivalents of laws with kinks
 are averages over samples, and change in steps below it."""

@@ -46,18 +46,19 @@ from .record_lines import (
 )
 
 MAX_STEPS = 30
-"""[steps] Of Fisher scoring at most. Source: judgement; no study is recorded."""
+"""[steps] Of Fisher scoring at most. Source: docs/what_decides.md: half and double change no
+answer."""
 MIN_GAIN = 0.05
 """[nats] Gain of log likelihood below which a step is not worth taking. Source: a tenth of
 what one standard deviation is worth (1/2)."""
 
 MAX_STEP = 0.5
-"""[1] Largest relative change of a constant, or change of a log density, in one step.
-Source: judgement; no study is recorded."""
+"""[1] Largest relative change of a constant, or change of a log density, in one step. Source:
+docs/what_decides.md: half and double change no answer."""
 
 BAND_MARGIN = 1.5
 """[1] Times the frequency above which the structure is silent up to which lines are used.
-Source: judgement; no study is recorded."""
+Source: docs/what_decides.md: half and double change no answer."""
 
 MOST_AT_ONCE = 8
 """[places] Whose score test is computed at once. Source: a bound on memory."""

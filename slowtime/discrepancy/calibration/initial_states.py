@@ -30,8 +30,8 @@ MULTISTART_HORIZONS = (0.1, 0.3, 1.0)
 """[share of the record] Fitted one after the other from each random state. Source:
 docs/what_decides.md: half and double change no answer."""
 BEGINNING_SHARE = 0.2
-"""[share of the first periods] From which initial states are estimated. Source: judgement;
-no study is recorded."""
+"""[share of the first periods] From which initial states are estimated. Source:
+docs/what_decides.md: half and double change no answer."""
 
 State = Float[np.ndarray, " state"]
 

@@ -36,10 +36,10 @@ double precision, where truncation and rounding errors balance."""
 
 EXTRAPOLATED_PART = 4
 """[1] The residual is extrapolated over one part in so many of the record. Source:
-judgement; no study is recorded."""
+docs/what_decides.md: half and double change no answer."""
 SLOPE_PART = 100
 """[1] Its slope at the end is fitted to one part in so many of the record. Source:
-judgement; no study is recorded."""
+docs/what_decides.md: half and double change no answer."""
 
 Series = Float[np.ndarray, "time channel"]
 Values = Float[np.ndarray, " parameter"]

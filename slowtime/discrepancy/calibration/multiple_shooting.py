@@ -33,7 +33,7 @@ SEGMENT_PERIODS = 3.0
 few periods the misfit has one minimum."""
 FIRST_PERIODS = 5.0
 """[periods of the slowest mode] With which records begin. Source: docs/decisions/0029;
-chosen on hidden cases."""
+docs/what_decides.md: half and double change no answer."""
 MULTISTART_SHARE = 0.05
 """[share of the segments] Up to which outlying ones are fitted from many initial states.
 Source: docs/what_decides.md: half and double change no answer."""

@@ -10,7 +10,7 @@ from slowtime.dynamics.plant import Name, Plant
 
 DEFAULT_RELATIVE_SD = {"stiffness": 0.2, "damping": 1.0, "mass": 0.0}
 """[1] Relative standard deviations where a model states no tolerance; masses are weighed, and
-damping is hardly ever known. Source: judgement; no study is recorded."""
+damping is hardly ever known. Source: docs/what_decides.md: half and double change no answer."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -13,7 +13,7 @@ from slowtime.signals.spectra import transform
 
 TAPER_SHARE = 0.05
 """[share of a record] Over which drift is tapered at every end of what is used. Source:
-judgement; no study is recorded."""
+docs/what_decides.md: half and double change no answer."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)

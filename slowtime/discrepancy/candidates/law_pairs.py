@@ -40,12 +40,14 @@ from .library_fit import (
 from .parameter_scan import is_possible, scale_to_strength, unit_strength_shapes
 
 MAX_COST_RATIO = 0.5
-"""[share of chi squared of the best single law] That a pair may leave. Source: judgement; no
-study is recorded."""
+"""[share of chi squared of the best single law] That a pair may leave. Source:
+docs/what_decides.md: half and double change no answer."""
 MAX_PAIRS = 2
-"""[1] Pairs, and tones, that are proposed. Source: judgement; no study is recorded."""
+"""[1] Pairs, and tones, that are proposed. Source: docs/what_decides.md: half and double change
+no answer."""
 SAME_FORCE = 0.999
-"""[1] Correlation from which two forces are one. Source: judgement; no study is recorded."""
+"""[1] Correlation from which two forces are one. Source: docs/what_decides.md: half and double
+change no answer."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)

@@ -45,8 +45,8 @@ OFFSET, GAIN = "input_bias", "input_gain"
 MISPLACED = "sensor_misplaced"
 """Kind of a sensor at another node."""
 WEAK_SHARE = 0.1
-"""[share of the best place's gain] Below which a place is passed over where several forces
-act. Source: judgement; no study is recorded."""
+"""[share of the best place's gain] Below which a place is passed over where several forces act.
+Source: docs/what_decides.md: half and double change no answer."""
 TWIN_RATIO = 2.0
 """[1] Times `PLACE_RATIO` for a place whose transfer is parallel to that of the best. Source:
 docs/what_decides.md: half and double change no answer."""

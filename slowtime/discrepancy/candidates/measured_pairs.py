@@ -54,22 +54,21 @@ REFINED_PAIRS = 12
 PROPOSED_PAIRS = 3
 """[pairs] That are proposed. Source: a bound on computing time."""
 REFINEMENTS = 4
-"""[1] Times that steps of shapes are halved. Source: judgement; the fit to the free run does
-the rest."""
+"""[1] Times that steps of shapes are halved. Source: the fit to the free run does the rest."""
 SHAPE_STEP = 0.12
 """[1] Relative step of a shape at first. Source: as of a resonance in `parameter_scan`."""
 INSTANT_STEP = 0.02
 """[share of the campaign] Step of an instant at first. Source: spacing of scanned instants."""
 SAME_FORCE = 0.999
-"""[1] Squared correlation from which two forces are one. Source: judgement; no study is
-recorded."""
+"""[1] Squared correlation from which two forces are one. Source: docs/what_decides.md: half and
+double change no answer."""
 MAX_COST_RATIO = 0.3
 """[share of chi squared of the best single law] That a pair leaves at most; also one with a law
 that contains simpler ones, of the best pair of simple laws. Source: true pairs left 0.01 to
 0.2 of that."""
 MAX_PAIR_RATIO = 20.0
-"""[1] Times chi squared of the best pair, up to which another is proposed. Source: judgement;
-along the motion the right one leaves least or nearly so."""
+"""[1] Times chi squared of the best pair, up to which another is proposed. Source: along the
+motion the right one leaves least or nearly so."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)

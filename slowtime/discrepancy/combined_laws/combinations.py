@@ -23,8 +23,7 @@ DAMPINGS = ("quadratic_damping", "coulomb")
 
 START_SHARES = (1.0, 0.1, 0.01)
 """[1] Of the strength that the remaining force suggests, from which a law is fitted, until it
-leaves no more than its parent. Source: judgement; a free run over many periods has a narrow
-minimum."""
+leaves no more than its parent. Source: a free run over many periods has a narrow minimum."""
 
 Laws = tuple[str, ...]
 """Kinds of effects in the order in which they were added."""

@@ -45,17 +45,17 @@ MAX_ELEMENTS = 3
 """[elements] Of a structure whose combinations are all tried. Source: a bound on computing
 time; each costs about twenty fits."""
 MAX_REST = 0.01
-"""[share of the variance of the motion] That the best combination leaves at most. Source:
-judgement: a tenth of the amplitude. What leaves more is looked for among all effects."""
+"""[share of the variance of the motion] That the best combination leaves at most. Source: a
+tenth of the amplitude. What leaves more is looked for among all effects."""
 NEGLIGIBLE_REST = 4e-4
 """[share of the variance of the motion] Beyond the noise, that a model which lacks no simple
 law may leave. Source: 2 % of the amplitude; few sensors and clocks of rigs are known better."""
 MAX_PASSIVE_RATIO = 1.5
-"""[1] Of the misfit without negative dampings to that with them. Source: judgement; on measured
-rigs, 1.1 where drag was an imitation, and 2.1 where friction, drag and a bearing acted."""
+"""[1] Of the misfit without negative dampings to that with them. Source: on measured rigs, 1.1
+where drag was an imitation, and 2.1 where friction, drag and a bearing acted."""
 MAX_MISFIT_RATIO = 0.5
-"""[1] Of its misfit to that of the model as given, or of fewer laws. Source: judgement; laws of
-damping explain less than half only of what is hardly seen."""
+"""[1] Of its misfit to that of the model as given, or of fewer laws. Source: laws of damping
+explain less than half only of what is hardly seen."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)

@@ -24,7 +24,7 @@ CLIPPED_NOISE_SDS = 4.0
 a sample is clipped. Source: four sigma holds all but 6e-5 of normal noise."""
 MAX_CLIPPED_MARGIN = 0.1
 """[share of the channel's range] That this margin may be at most: a fast signal curves more
-than its noise does. Source: judgement; no study is recorded."""
+than its noise does. Source: docs/what_decides.md: half and double change no answer."""
 NORMAL_MAD = 0.6745
 """[standard deviations] Median of the modulus of a normal variable. Source: 0.75 quantile of
 the normal distribution."""

@@ -59,7 +59,8 @@ another hold better than one that leaves only noise. Source: very strong evidenc
 Raftery (1995)."""
 MAX_REST_SHARE = 0.7
 """[share of what the best force leaves beyond noise] That is left under another hold at most,
-where no single force explains the records. Source: judgement; no study is recorded."""
+where no single force explains the records. Source: docs/what_decides.md: half and double change
+no answer."""
 HOLD_ERROR_CHI2 = 5.0
 """[noise variances] Mean square in band up to which a wrong hold may be all that is missing.
 Source: docs/what_decides.md: half and double change no answer."""

@@ -14,8 +14,8 @@ from slowtime.dynamics.effects import Effect, Kind, Law, Place
 from slowtime.dynamics.plant import Name
 
 KIND_PENALTIES = {"extra_dof": 6.0}
-"""[nats] Log odds against kinds that explain almost anything weakly. Source: judgement; no
-study is recorded."""
+"""[nats] Log odds against kinds that explain almost anything weakly. Source:
+docs/what_decides.md: half and double change no answer."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)

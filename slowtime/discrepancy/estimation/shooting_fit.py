@@ -23,7 +23,7 @@ SHOT_CANDIDATES = 2
 """[candidates] Of each ranking that are fitted to segments. Source: docs/decisions/0029."""
 ASTRAY_RATIO = 2.0
 """[1] Times its chi squared along the force that a free run leaves which has gone astray.
-Source: judgement; no study is recorded."""
+Source: docs/what_decides.md: half and double change no answer."""
 
 
 def shooting_fits(

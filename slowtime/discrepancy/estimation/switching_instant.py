@@ -26,7 +26,7 @@ SCAN_STEP_S = 1.2
 that closer scans around neighbours overlap."""
 MAX_COST_RATIO = 4.0
 """[1] Times the cost of another law up to which the instant of a law is sought in whole
-records. Source: chosen on hidden cases."""
+records. Source: docs/what_decides.md: half and double change no answer."""
 MAX_MOVES = 4
 """[refits] From a better instant at most, because a law that was fitted to a wrong instant
 hides the right one. Source: docs/decisions/0030 for the rule; docs/what_decides.md for the

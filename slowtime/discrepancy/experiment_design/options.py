@@ -14,18 +14,20 @@ from slowtime.dynamics.modes import undamped_modes
 from slowtime.dynamics.units import UnitOfCoordinate, unit_factor
 
 SIMULATED_S = 12.0
-"""[s] Length of the records that are simulated. Source: judgement; no study is recorded."""
+"""[s] Length of the records that are simulated. Source: docs/what_decides.md: half and double
+change no answer."""
 RELEASES = (0.5, 0.25, 0.1, 1.5, 2.0)
-"""[1] Factors on the initial state of a release, the mildest first. Source: judgement; larger
-amplitudes than twice those measured are often not allowed."""
+"""[1] Factors on the initial state of a release, the mildest first. Source: larger amplitudes
+than twice those measured are often not allowed."""
 LEVELS = (0.5, 2.0, 3.0, 4.0, 0.25, 6.0, 8.0, 0.1)
-"""[1] Factors on the excitation, the mildest first. Source: judgement; no study is recorded."""
+"""[1] Factors on the excitation, the mildest first. Source: docs/what_decides.md: half and
+double change no answer."""
 BAND_MARGINS = (0.3, 1.6)
 """[1] Ends of a band that holds all modes, over the lowest and the highest of them. Source:
-judgement; no study is recorded."""
+docs/what_decides.md: half and double change no answer."""
 BLOW_PEAK = 20.0
-"""[root mean squares of the measured input] Peak of a blow. Source: judgement; no study is
-recorded."""
+"""[root mean squares of the measured input] Peak of a blow. Source: docs/what_decides.md: half
+and double change no answer."""
 MAX_FREQUENCY = 0.4
 """[share of the sampling rate] Of an excitation. Source: usual edge of an anti-aliasing
 filter, 0.39 of the rate."""

@@ -35,7 +35,7 @@ from .options import experiment_options, experiment_trial
 
 AMPLE_SEPARATION = 60.0
 """[nats] Expected log evidence that decides even where models are only nearly right. Source:
-judgement; no study is recorded."""
+docs/what_decides.md: half and double change no answer."""
 DECISIVE_SEPARATION = 12.0
 """[nats] Expected log evidence that decides; more effort is not worth more. Source: twice
 `LIMITS.least_log_evidence`."""
@@ -45,9 +45,10 @@ MAX_SEPARATION = 1e6
 """[nats] Beyond which models have parted for good. Source: a bound for sums and prints."""
 LEVEL_MARGIN = 1.4
 """[1] Times its level at which a louder experiment must leave every rival bounded. Source:
-judgement; no study is recorded."""
+docs/what_decides.md: half and double change no answer."""
 MAX_RIVALS = 6
-"""[1] Rivals that are compared. Source: judgement; no study is recorded."""
+"""[1] Rivals that are compared. Source: docs/what_decides.md: half and double change no
+answer."""
 
 Series = Float[np.ndarray, "time sensor"]
 

@@ -65,7 +65,7 @@ FALLING_SDS = 3.0
 not is taken for one that falls once in 740 records."""
 FIRST_DECAY = 0.1
 """[1] Fall of the logarithm of the amplitude over a record from which the fit starts. Source:
-judgement; it converges from half or twice as much."""
+it converges from half or twice as much."""
 RING_FREQUENCIES = np.linspace(0.75, 1.25, 41)
 """[1] Frequencies that are tried, over that of the crossings of zero. Source: a crossing more
 or less in a record of four."""

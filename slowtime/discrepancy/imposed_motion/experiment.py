@@ -21,9 +21,9 @@ WORTH_TRYING = 1.3
 """[1] Ratio of separations from which a motion of more effort is proposed. Source: a
 decision."""
 SAMPLES = 2000
-"""[samples] Of each imposed motion. Source: judgement; several cycles are enough."""
+"""[samples] Of each imposed motion. Source: several cycles are enough."""
 CYCLES = 4
-"""[cycles] Of a triangular motion. Source: judgement; the first forgets what was before."""
+"""[cycles] Of a triangular motion. Source: the first forgets what was before."""
 
 
 def deciding_experiment(

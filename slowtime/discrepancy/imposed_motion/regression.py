@@ -35,7 +35,8 @@ from .records import ForceRecord, ImposedRig
 from .standstill import informative
 
 AT_BOUND = 1e-3
-"""[share of a bound] Within which a parameter stands at it. Source: judgement."""
+"""[share of a bound] Within which a parameter stands at it. Source: docs/what_decides.md: half
+and double change no answer."""
 MAX_EVALUATIONS = 30
 """[evaluations] Of a fit of one law from one start. Source: least squares of few parameters
 end within twenty."""
@@ -43,9 +44,10 @@ DIFFERENCE_STEP = 1e-3
 """[1] Relative step of a parameter for differences. Source: laws with kinks change by samples,
 so that smaller steps tell nothing."""
 ROUGH_SAMPLES = 4000
-"""[samples] That the shapes of a law are ranked on. Source: judgement; all are used after."""
+"""[samples] That the shapes of a law are ranked on. Source: all are used after."""
 VALIDATION_EVALUATIONS = 20
-"""[evaluations] Of a fit that starts from that to all samples. Source: judgement."""
+"""[evaluations] Of a fit that starts from that to all samples. Source: docs/what_decides.md:
+half and double change no answer."""
 STEP_SHARE = 0.003
 """[share of the range of motion] That internal states are integrated over at most. Source:
 Runge and Kutta's rule is stable up to 2.8 lengths of memory; dampers have shown lengths of
@@ -65,8 +67,8 @@ CENTRED = frozenset({
 })  # fmt: skip
 """Families whose force depends on where the middle of the motion is."""
 MIN_INDEPENDENT = 8.0
-"""[samples] That any series of what is left counts for. Source: judgement; a loop has two ends
-and two branches, each with a slope."""
+"""[samples] That any series of what is left counts for. Source: a loop has two ends and two
+branches, each with a slope."""
 CORRELATED_SDS = 3.0
 """[standard deviations] From which a correlation is no chance. Source: three-sigma rule."""
 

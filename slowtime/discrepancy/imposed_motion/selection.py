@@ -32,17 +32,23 @@ FOLDS = 4
 """[blocks] Of each record, contiguous in time. Source: a decision: a quarter of a record holds
 a cycle or more, and the last one is the split in time."""
 SHORTLIST = 8
-"""[laws] That are cross-validated, of those fitted. Source: judgement."""
+"""[laws] That are cross-validated, of those fitted. Source: docs/what_decides.md: half and
+double change no answer."""
 ALONE = 14
-"""[laws] That are fitted alone: those which, unfitted, leave least. Source: judgement."""
+"""[laws] That are fitted alone: those which, unfitted, leave least. Source:
+docs/what_decides.md: half and double change no answer."""
 PAIRED = 5
-"""[laws] That are fitted beside another, likewise. Source: judgement."""
+"""[laws] That are fitted beside another, likewise. Source: docs/what_decides.md: half and
+double change no answer."""
 FIRST = 2
-"""[laws] Of different groups that others are fitted beside. Source: judgement."""
+"""[laws] Of different groups that others are fitted beside. Source: docs/what_decides.md: half
+and double change no answer."""
 STARTS = 2
-"""[shapes] From which a law is fitted alone. Source: judgement."""
+"""[shapes] From which a law is fitted alone. Source: docs/what_decides.md: half and double
+change no answer."""
 PAIRED_STARTS = 1
-"""[shapes] From which a law is fitted beside another. Source: judgement."""
+"""[shapes] From which a law is fitted beside another. Source: docs/what_decides.md: half and
+double change no answer."""
 MIN_GAIN = 0.1
 """[share of the root mean square] By which a law has to reduce what is left. Source: a
 decision: less is within what differentiated motion and a drifting transducer leave."""

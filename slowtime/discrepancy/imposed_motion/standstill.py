@@ -32,7 +32,8 @@ JUMP = 0.02
 """[share of the range of motion] By which the motion goes on from a standstill at most. Source:
 a decision: a sensor that comes back after it was stuck jumps by more."""
 MIN_STILL = 5
-"""[samples] Least length of the window of a standstill. Source: judgement."""
+"""[samples] Least length of the window of a standstill. Source: docs/what_decides.md: half and
+double change no answer."""
 
 
 def informative(motion: Motion) -> Bool[np.ndarray, " time"]:

@@ -30,8 +30,8 @@ from .places import Localization, PlaceGroup
 from .ranking import linear_names, linearise
 
 EM_STEPS = 12
-"""[steps] Of expectation maximisation. Source: judgement; variances are only weights where
-sensors hear the forces well."""
+"""[steps] Of expectation maximisation. Source: variances are only weights where sensors hear
+the forces well."""
 
 MIN_SIGNAL_SHARE = 1e-12
 """[share of the greatest response] Up to which a force is not heard, as by accelerometers at 0.

@@ -18,7 +18,7 @@ ALLOWED_TOLERANCES = 2.0
 level."""
 PLACE_MARGIN = 1.2
 """[1] Times what the best place leaves that another must leave to be ruled out. Source:
-judgement; no study is recorded."""
+docs/what_decides.md: half and double change no answer."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)

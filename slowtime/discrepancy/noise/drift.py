@@ -25,12 +25,11 @@ from slowtime.dynamics.units import unit_factor
 from slowtime.signals.spectra import detrended, periodogram
 
 INPUT_ERROR = 0.05
-"""[standard deviations of the input] Error of a measured input: no gain of a drive and no
-load cell in use is better known. Source: judgement on the calibration of drives and load
-cells."""
+"""[standard deviations of the input] Error of a measured input: no gain of a drive and no load
+cell in use is better known. Source: the calibration of drives and load cells."""
 BAND_POWER = 0.98
 """[share of power] Of an input that lies below the upper end of the band it drives. Source:
-judgement; no study is recorded."""
+docs/what_decides.md: half and double change no answer."""
 RIGID_STIFFNESS = 1e-9
 """[share of the largest eigenvalue] Up to which a motion counts as rigid. Source: well above
 rounding errors of the eigenvalues (1e-16), well below any vibration."""

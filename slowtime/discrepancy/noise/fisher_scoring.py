@@ -32,9 +32,11 @@ MAX_POLE_RADIUS = 0.95
 structure's modes have radii above exp(-2 pi zeta f / f_s), well over 0.95 where they are
 sampled finely."""
 MAX_STEPS = 60
-"""[steps] Scoring steps at most. Source: judgement; no study is recorded."""
+"""[steps] Scoring steps at most. Source: docs/what_decides.md: half and double change no
+answer."""
 MAX_STEP = 2.0
-"""[1] Largest change of any parameter in one step. Source: judgement; no study is recorded."""
+"""[1] Largest change of any parameter in one step. Source: docs/what_decides.md: half and
+double change no answer."""
 MIN_GAIN = 1e-3
 """[nats] Gain of log likelihood that ends the iteration. Source: a thousandth of what one
 standard deviation is worth (1/2)."""

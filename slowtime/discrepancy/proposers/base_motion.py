@@ -23,13 +23,14 @@ from slowtime.dynamics.effects import Effect, Kind, Place, Unmeasured
 
 AMPLITUDE_RELATIVE_SD = 0.05
 """[1] Relative standard deviation of the amplitude of a random motion, as recovered in band.
-Source: judgement; no study is recorded."""
+Source: docs/what_decides.md: half and double change no answer."""
 STATIC_SHARE = 0.9
 """[share of a force] That is a static function of the motion at its place, from which the
-motion there makes it. Source: judgement; no study is recorded."""
+motion there makes it. Source: docs/what_decides.md: half and double change no answer."""
 STATIC_LEAD = 0.1
 """[share of a force] By which a static function explains more than any linear filter of the
-motion, from which the motion makes it, too. Source: judgement; no study is recorded."""
+motion, from which the motion makes it, too. Source: docs/what_decides.md: half and double
+change no answer."""
 MIN_FREE_RUN_REST = 0.6
 """[share of what is missing] That every law leaves in a free run where the base moves. Source:
 docs/decisions/0026; beside a random motion the best law leaves seven tenths, in place of

@@ -22,8 +22,8 @@ from .protocol import Proposal, Round
 LATE, CLOCK = "input_delay", "sensor_clock"
 """Kinds of a late input, and of a sensor whose clock runs fast or slow."""
 CLOCK_START = 1e-4
-"""[1] Relative error of a clock with which its fit starts. Source: judgement; no study is
-recorded."""
+"""[1] Relative error of a clock with which its fit starts. Source: docs/what_decides.md: half
+and double change no answer."""
 UNEXPLAINED_SHARE = 0.5
 """[share of the chi squared of a force] That the best law leaves, from which no law explains
 it. Source: docs/decisions/0030; two hidden pairs had 0.56 and 0.78."""
@@ -31,11 +31,13 @@ EXPLAINED_SHARE = 0.2
 """[share of the chi squared of a force] That a law leaves at most, once an input may be late.
 Source: the same two hidden pairs had 0.10 and 0.01."""
 MAX_CLOCK_REST = 0.01
-"""[share of what is missing] That a clock leaves at most beside another effect. Source: chosen
-on hidden cases; a clock beside a softer spring left 4e-4."""
+"""[share of what is missing] That a clock leaves at most beside another effect. Source:
+docs/what_decides.md: half and double change no answer; a clock beside a softer spring left
+4e-4."""
 MAX_CLOCK_RATIO = 0.1
-"""[1] Of what the best clock leaves to what each other clock leaves, at most. Source: chosen on
-hidden cases; a clock beside a softer spring had 3e-3."""
+"""[1] Of what the best clock leaves to what each other clock leaves, at most. Source:
+docs/what_decides.md: half and double change no answer; a clock beside a softer spring had
+3e-3."""
 LAWS_PER_INPUT = 2
 """[laws] That are proposed beside the delay of each input. Source: a bound on computing
 time."""

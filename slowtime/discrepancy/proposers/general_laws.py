@@ -12,8 +12,8 @@ from slowtime.dynamics.effects import general_kinds
 from .protocol import Proposal, Round
 
 MAX_LAWS = 4
-"""[candidates] Of general laws that are fitted. Source: judgement; each costs as much as a
-simple one, and several contain each other."""
+"""[candidates] Of general laws that are fitted. Source: each costs as much as a simple one, and
+several contain each other."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

@@ -35,10 +35,10 @@ from slowtime.dynamics.effects import Effect, Kind, Place, simple_kinds
 
 START_FORCE_RATIOS = (-0.56, -0.1, 0.1, 0.56)
 """[1] Force of a law at the start of its fit over that of the element's spring. Source:
-docs/decisions/0029 for the rule; the value is judgement."""
+docs/decisions/0029 for the rule; docs/what_decides.md: half and double change no answer."""
 SEGMENT_HORIZONS = (0.2, 0.35, 0.6, 1.0)
-"""[share of the initial segments] Fitted one after the other. Source: judgement; no study is
-recorded."""
+"""[share of the initial segments] Fitted one after the other. Source: docs/what_decides.md:
+half and double change no answer."""
 GIVE_UP_RATIO = 10.0
 """[1] Times what the best law leaves of the initial segments, from which another is given up.
 Source: docs/decisions/0029; 1 lost one right law of nine, 10 none."""

@@ -33,7 +33,7 @@ from .protocol import Round
 
 MAX_SINGLE_REST = 0.7
 """[share of the mean square in band without a law] That a law leaves at most to be one of two.
-Source: judgement; no study is recorded."""
+Source: docs/what_decides.md: half and double change no answer."""
 PAIRED_LAWS = 5
 """[laws] The best of those, which are paired with each other. Source: a bound on computing
 time."""

@@ -34,7 +34,7 @@ MAX_BY_FREE_RUN = 2
 """[laws] Found by free runs that are proposed. Source: a bound on computing time."""
 RECORD_SHARES = (0.06, 0.12, 0.25, 0.5)
 """[share of each record] First parts that are examined in turn. Source: docs/decisions/0030 for
-the rule; the value is judgement."""
+the rule; docs/what_decides.md: half and double change no answer."""
 
 
 def later_segment_candidates(

@@ -44,19 +44,19 @@ NEAR_RUN_RATIO = 2.0
 """[1] Times what the best law leaves, within which the free run of another has to come. Source:
 docs/decisions/0026."""
 MAX_RUN_SHARE = 0.8
-"""[share of chi squared without a law] That such a free run leaves at most. Source: judgement;
-no study is recorded."""
+"""[share of chi squared without a law] That such a free run leaves at most. Source:
+docs/what_decides.md: half and double change no answer."""
 STUCK_RATIO = 10.0
 """[1] Times its chi squared along the force, from which the refit of a law is stuck. Source:
-chosen on hidden cases."""
+docs/what_decides.md: half and double change no answer."""
 MAX_REFITTED_AGAIN = 2
 """[laws] That were stuck and are fitted again. Source: docs/decisions/0026."""
 MAX_BEGINNING_REST = 0.1
 """[share of what the model leaves of the initial segments beyond noise] That a law leaves at
-most which explains them. Source: judgement; no study is recorded."""
+most which explains them. Source: docs/what_decides.md: half and double change no answer."""
 MAX_WRONG_BEGINNING_REST = 0.01
 """[share of what the model leaves of the initial segments beyond noise] The same for a law that
-leaves more than noise. Source: judgement; no study is recorded."""
+leaves more than noise. Source: docs/what_decides.md: half and double change no answer."""
 SCANNED_LAWS = 8
 """[laws] Whose strength is scanned by free runs, those at the best place first. Source:
 docs/decisions/0026."""
@@ -66,7 +66,7 @@ recovered motion is wrong by a factor, a cubic force is wrong by its cube. Sourc
 docs/decisions/0026."""
 STRENGTH_STEP = 0.5
 """[powers of ten] Between the strengths of the scan. Source: docs/decisions/0026 for the rule;
-the value is judgement."""
+docs/what_decides.md: half and double change no answer."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

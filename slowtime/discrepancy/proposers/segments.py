@@ -78,7 +78,8 @@ MIN_QUIET_CHI2 = 10.0
 docs/decisions/0031."""
 START_FORCE_RATIO = 0.5
 """[1] Force of a law that explains nothing along the recovered motion, at the start of its fit,
-over the force recovered there. Source: chosen on hidden cases."""
+over the force recovered there. Source: docs/what_decides.md: half and double change no
+answer."""
 MAX_REST_OF_FEW = 0.6
 """[share of what the few segments leave without a law] That a law leaves at most to be fitted
 to more. Source: docs/decisions/0031."""

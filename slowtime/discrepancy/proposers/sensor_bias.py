@@ -35,7 +35,7 @@ MIN_MEAN_POWER = 100.0
 steady error. Source: docs/what_decides.md: half and double change no answer."""
 MAX_MEAN_POWER = 10.0
 """[mean power of the slow lines] The same, up to which a law of the sensor has removed the
-error. Source: judgement; no study is recorded."""
+error. Source: docs/what_decides.md: half and double change no answer."""
 
 
 def biased_accelerometer(fit: Fit, trials: Sequence[Trial]) -> Place | None:

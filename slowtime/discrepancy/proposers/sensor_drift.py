@@ -27,10 +27,10 @@ mean, above which it is constant. Source: docs/what_decides.md: half and double 
 answer."""
 SIZE_RELATIVE_SD = 0.1
 """[1] Relative standard deviation of the size of a drift that follows no law. Source:
-judgement; no study is recorded."""
+docs/what_decides.md: half and double change no answer."""
 MAX_RATE_SCATTER = 0.2
 """[1] Relative standard deviation of the rates of drift of all records, below which they are
-one rate. Source: judgement; no study is recorded."""
+one rate. Source: docs/what_decides.md: half and double change no answer."""
 
 
 def sensor_drift(

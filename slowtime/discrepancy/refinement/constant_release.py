@@ -41,7 +41,7 @@ third of the width of the prior, both ways; half and double change no answer of
 docs/what_decides.md."""
 MUCH_LOWER_SHARE = 0.25
 """[share of chi squared] Of a refit begun elsewhere to the first one, below which that was out
-of step. Source: judgement; of a model that lacks a law, minima differ by less."""
+of step. Source: of a model that lacks a law, minima differ by less."""
 
 
 def refit_from_other_stiffnesses(fit: Fit, trials: Sequence[Trial]) -> Fit:

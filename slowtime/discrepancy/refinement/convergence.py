@@ -27,7 +27,8 @@ from slowtime.dynamics.effects import Friction, Kind, Unmeasured
 
 HELD_SDS = (-4.0, -2.0, -1.0, 1.0, 2.0, 4.0)
 """[standard deviations] From the estimate of a friction, at which it is held while all else is
-fitted. Source: docs/decisions/0030 for the rule; the value is judgement."""
+fitted. Source: docs/decisions/0030 for the rule; docs/what_decides.md: half and double change
+no answer."""
 MAX_ROUNDS = 2
 """[rounds] Of holding it at most: once more around a better estimate. Source: a bound on
 computing time."""

@@ -33,12 +33,12 @@ MAX_SAMPLES = 20_000
 """[samples] Of force and motion, to which a law is fitted. Source: a bound on computing
 time."""
 START_FACTORS = (1.0, 0.5, 2.0)
-"""[1] On each parameter of a law, with which its fit to a force starts. Source: judgement; no
-study is recorded."""
+"""[1] On each parameter of a law, with which its fit to a force starts. Source:
+docs/what_decides.md: half and double change no answer."""
 
 MIN_LOG_POWER_GAIN = 0.1
 """[nats] By which the power of the residual of a sensor must fall, on average. Source:
-judgement; no study is recorded."""
+docs/what_decides.md: half and double change no answer."""
 
 Series = Float[np.ndarray, " time"]
 

@@ -45,11 +45,11 @@ MIN_GAIN_SDS = 2.0
 """[standard errors] By which the mean log ratio of errors on pieces left out must be above
 zero. Source: two-sigma rule, one-sided p-value of 2 %."""
 MIN_LOG_GAIN = 0.05
-"""[1] By which it must be above zero at least. Source: judgement; 5 % of the error are not
-worth constants that explain the records less well."""
+"""[1] By which it must be above zero at least. Source: 5 % of the error are not worth constants
+that explain the records less well."""
 MAX_RATIO = 2.0
 """[1] Of a constant after the refit to the one before, either way, up to which both are the
-same constant. Source: judgement; no study is recorded."""
+same constant. Source: docs/what_decides.md: half and double change no answer."""
 MOVED_P_VALUE = 0.05
 """[probability] Of as large a change of a constant by the scatter of refits without one piece,
 below which another number is quoted. Source: the 5 % level."""

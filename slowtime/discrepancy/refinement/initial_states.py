@@ -25,7 +25,8 @@ from slowtime.dynamics.effects import Kind
 
 MAX_BEGINNING_RATIO = 4.0
 """[1] Of the mean square of the residual at the beginning of a record to that later, above
-which the initial state is wrong. Source: judgement; no study is recorded."""
+which the initial state is wrong. Source: docs/what_decides.md: half and double change no
+answer."""
 
 State = Float[np.ndarray, " state"]
 

@@ -32,7 +32,7 @@ from .elimination import left_out
 
 STRENGTH_FACTORS = (1.0, 0.25, 0.5, 2.0, 4.0)
 """[1] On the strength of a law at the start of its fit at another place: an element that moves
-less needs more of it. Source: judgement; no study is recorded."""
+less needs more of it. Source: docs/what_decides.md: half and double change no answer."""
 
 
 def relocate(hypothesis: Hypothesis, kinds: Mapping[str, Kind], tell: Monitor) -> Hypothesis:

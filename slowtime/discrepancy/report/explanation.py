@@ -17,22 +17,24 @@ from .likeness import OWN_CLOCK
 
 MAX_REST_HERE = 1e-3
 """[share of what was missing at first] That is left at the place of an effect at most, if its
-law is right. Source: judgement; no study is recorded."""
+law is right. Source: docs/what_decides.md: half and double change no answer."""
 MAX_REST_ELSEWHERE = 0.05
 """[share of what was missing at first] That is left at another place at most, if the effects
-stand. Source: judgement; no study is recorded."""
+stand. Source: docs/what_decides.md: half and double change no answer."""
 NOISE_ERROR_RATIO = 1.01
 """[1] Of the error on a held-out record to that of noise alone, up to which the record is
-explained. Source: judgement; no study is recorded."""
+explained. Source: docs/what_decides.md: half and double change no answer."""
 MIN_LAW_PROBABILITY = 0.5
 """[probability] Of laws compared in all combinations, below which the effect is unknown.
 Source: even odds."""
 SINGLE_LAW_ERROR_SHARE = 0.1
 """[share of the error of the refitted model] To which one law must reduce it, where noise is so
-low that no law explains the record within it. Source: judgement; no study is recorded."""
+low that no law explains the record within it. Source: docs/what_decides.md: half and double
+change no answer."""
 FALLEN_ERROR_SHARE = 0.9
 """[1] Of an error to the one before, up to which it has fallen; of the noise floor to an error,
-from which the floor is reached. Source: judgement; no study is recorded."""
+from which the floor is reached. Source: docs/what_decides.md: half and double change no
+answer."""
 CLOCK_ERROR_SHARE = 0.5
 """[1] The same of a law with a clock of its own, for it to be called near. Source: a
 decision."""

@@ -22,10 +22,10 @@ from .explanation import is_unknown, nearest_effects, share_left
 
 MAX_CONSTANT_RATIO = 3.0
 """[1] Of a fitted mass or stiffness to the stated one, either way, beyond which the model is
-another structure's. Source: judgement; drawings are off by tens of per cent."""
+another structure's. Source: drawings are off by tens of per cent."""
 UNEXPLAINED_REST = 0.5
 """[share of what was missing at first] Above which what was named does not tell where to look.
-Source: judgement; no study is recorded."""
+Source: docs/what_decides.md: half and double change no answer."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)

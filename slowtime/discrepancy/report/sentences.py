@@ -10,10 +10,10 @@ from .outcome import NOTHING, ErrorMeasure, Outcome
 
 CONTRADICTED_RATIO = 5.0
 """[1] Error on held-out records over that of noise alone, from which they contradict a model
-that lacks nothing. Source: judgement; constants that are fitted to short records make twice the
-noise."""
+that lacks nothing. Source: constants that are fitted to short records make twice the noise."""
 CONTRADICTED_ERROR = 0.05
-"""[share of the motion] Of the same error at least. Source: judgement."""
+"""[share of the motion] Of the same error at least. Source: docs/what_decides.md: half and
+double change no answer."""
 CONTRADICTED = (
     " But the held-out record contradicts the model: something acts there that the fitted "
     "records do not show, such as an effect of larger motion. Fit that record too, and hold "

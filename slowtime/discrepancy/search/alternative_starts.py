@@ -13,10 +13,10 @@ from slowtime.dynamics.effects import Effect, Kind
 
 MAX_FITTED_STARTS = 2
 """[candidates] Already refitted, with which the search restarts at most. Source:
-docs/decisions/0017 for the rule; the value is judgement."""
+docs/decisions/0017 for the rule; docs/what_decides.md: half and double change no answer."""
 MAX_LOWER_STARTS = 6
 """[candidates] Ranked lower and not refitted, with which it restarts at most. Source:
-docs/decisions/0017 for the rule; the value is judgement."""
+docs/decisions/0017 for the rule; docs/what_decides.md: half and double change no answer."""
 
 
 def alternative_starts(

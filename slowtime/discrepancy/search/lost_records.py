@@ -35,8 +35,8 @@ from .settings import SearchSettings
 
 UNTRACKED_CHI2 = 30.0
 """[noise variances] Mean square in band from which what a model with effects leaves of whole
-records tells less than what it leaves of how they begin, or of their segments. Source: chosen
-on hidden cases."""
+records tells less than what it leaves of how they begin, or of their segments. Source:
+docs/what_decides.md: half and double change no answer."""
 
 
 def is_lost(fit: Fit) -> bool:

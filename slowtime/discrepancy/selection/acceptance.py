@@ -45,7 +45,7 @@ Source: docs/decisions/0027; where friction creeps, Stribeck's law explains up t
 twenty hidden cases with true Stribeck friction 1.35e-3 at least."""
 MAX_SECOND_REST = 0.2
 """[share of what the first law left beyond noise] That a second law at one place may leave, if
-more than noise. Source: judgement; no study is recorded."""
+more than noise. Source: docs/what_decides.md: half and double change no answer."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)

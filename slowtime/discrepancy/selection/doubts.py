@@ -14,7 +14,7 @@ DOUBTED_PROBABILITY = 0.5
 indifference between it and a law near it that is not known."""
 MAX_CORRECTION_SHARE = 0.01
 """[share of what was missing] Up to which the second of two curves over one variable only
-corrects the first. Source: chosen on hidden cases."""
+corrects the first. Source: docs/what_decides.md: half and double change no answer."""
 
 
 def doubt(hypothesis: Hypothesis, number: int) -> Hypothesis:

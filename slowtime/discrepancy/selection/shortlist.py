@@ -27,10 +27,11 @@ SAME_PLACE_CANDIDATES = 2
 bound on computing time."""
 DOMINANT_PLACE_RATIO = 0.4
 """[1] Of what a force at the best place leaves to what one at any other leaves, up to which one
-of several effects dominates. Source: docs/decisions/0030; chosen on hidden cases."""
+of several effects dominates. Source: docs/decisions/0030; docs/what_decides.md: half and double
+change no answer."""
 DOMINANT_REST_SHARE = 0.25
-"""[share of what was missing] That its law leaves at most. Source: docs/decisions/0030; chosen
-on hidden cases."""
+"""[share of what was missing] That its law leaves at most. Source: docs/decisions/0030;
+docs/what_decides.md: half and double change no answer."""
 
 
 def shortlist(

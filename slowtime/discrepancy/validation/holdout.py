@@ -28,8 +28,8 @@ SAME_P_VALUE = 1e-3
 """[probability] p-value below which parameters of two records differ. Source: one false
 alarm in a thousand."""
 SD_FACTOR = 2.0
-"""[1] On the standard deviations of these parameters, which linearisation understates near
-an instability. Source: judgement; no study is recorded."""
+"""[1] On the standard deviations of these parameters, which linearisation understates near an
+instability. Source: docs/what_decides.md: half and double change no answer."""
 
 
 def is_confirmed_on_holdout(fit: Fit, error: float, tests: Sequence[Trial]) -> bool:

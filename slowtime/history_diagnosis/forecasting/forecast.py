@@ -28,13 +28,13 @@ from .mixture import EnsembleMember, MixtureModel
 
 _WILD_SDS = 5.0
 """[standard deviations] From the prediction, beyond which a reading is not learnt from. Source:
-judgement."""
+docs/what_decides.md: half and double change no answer."""
 _MOST_WILD = 0.04
 """[share of the readings] Up to which the band is widened to hold outliers. Source:
-judgement."""
+docs/what_decides.md: half and double change no answer."""
 _WILD_IN_A_ROW = 3
 """[readings] After which wild readings are taken for a change and learnt from. Source:
-judgement."""
+docs/what_decides.md: half and double change no answer."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)

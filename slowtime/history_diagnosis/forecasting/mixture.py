@@ -28,16 +28,19 @@ _NARROW_WIDTH = 1.0
 itself."""
 _WIDE_WIDTH = 2.0
 """[widths of the Laplace approximation] Of the other half, which covers tails that are heavier
-than Gaussian. Source: judgement."""
+than Gaussian. Source: docs/what_decides.md: half and double change no answer."""
 _SCALES = np.tile([_NARROW_WIDTH, _WIDE_WIDTH], _DRAWS // 2)
 _LEAST_CURVATURE = 0.05
-"""[1] Least eigenvalue of the scaled curvature. Source: judgement."""
+"""[1] Least eigenvalue of the scaled curvature. Source: docs/what_decides.md: half and double
+change no answer."""
 _LEAST_WEIGHT = 2e-3
-"""[1] Of a member that is kept. Source: judgement."""
+"""[1] Of a member that is kept. Source: docs/what_decides.md: half and double change no
+answer."""
 _MOST_MEMBERS = 16
 """[members] Kept at most. Source: a bound on computing time."""
 _LEAST_RIVAL = 0.02
-"""[probability] Of a rival law that has a share in the band. Source: judgement."""
+"""[probability] Of a rival law that has a share in the band. Source: docs/what_decides.md: half
+and double change no answer."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)

@@ -24,7 +24,7 @@ from .whitening import FilterResult, MaternProcess, gram_of_each, whitened_gram
 
 NOISE_PRIOR = 3.0
 """[1] :math:`a_0`, with which the stated standard deviation is right to about 30 %. Source:
-judgement."""
+docs/what_decides.md: half and double change no answer."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)

@@ -18,7 +18,8 @@ _GRID_POINTS = 121
 """[points] Of a curve over a covariate; four times as many over time. Source: the resolution of
 a plot."""
 _LAGS = 12
-"""[readings] Longest lag of the test of whiteness. Source: judgement."""
+"""[readings] Longest lag of the test of whiteness. Source: docs/what_decides.md: half and
+double change no answer."""
 
 
 def plot_series(nominal: MixtureModel, augmented: MixtureModel) -> PlotSeries:

@@ -42,7 +42,8 @@ _NOTHING = 0.5
 _WHITE = 0.01
 """[p-value] From which prediction errors count as uncorrelated. Source: the 1 % level."""
 _SWAP_PROBABILITY = 0.99
-"""[probability] Told for a swapped mode; its least log-odds give 0.999. Source: judgement."""
+"""[probability] Told for a swapped mode; its least log-odds give 0.999. Source:
+docs/what_decides.md: half and double change no answer."""
 
 
 def summarize(

@@ -33,7 +33,7 @@ _NOTHING_PRIOR = 0.5
 """[probability] Prior that no further term is missing. Source: indifference."""
 _FAMILY_WEIGHTS = {"drift": 3.0, "crack": 0.2, "sensor": 0.5}
 """[1] Prior weights of families, 1 if not listed: everything ages, cracks are rare. Source:
-judgement."""
+docs/what_decides.md: half and double change no answer."""
 _SCAN_MARGIN = 9.0
 """[nats] Behind the best result of the scan, beyond which a law is not refined. Source:
 docs/what_decides.md: half and double change no answer."""

@@ -16,9 +16,11 @@ from .forward_selection import compare_laws
 from .outliers import inlier_mask
 
 _CERTAIN = 0.99
-"""[probability] Of a step, from which a mode counts as departed. Source: judgement."""
+"""[probability] Of a step, from which a mode counts as departed. Source: docs/what_decides.md:
+half and double change no answer."""
 _SAME_TIME = 0.05
-"""[histories] Within which two steps are one. Source: judgement."""
+"""[histories] Within which two steps are one. Source: docs/what_decides.md: half and double
+change no answer."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

@@ -39,11 +39,12 @@ some twenty coefficients are not counted. With 1.5e9 the surface of one hysteret
 twice as long, and its free run left as much."""
 HORIZONS = (0.05, 0.15, 0.4)
 """[share of each record] Fitted one after the other before the whole, where the free run of the
-recovered force loses its phase in the whole. Source: judgement."""
+recovered force loses its phase in the whole. Source: docs/what_decides.md: half and double
+change no answer."""
 
 MAX_LEFT = 0.1
 """[share of the variance of the motion] That a surface may leave before parts or segments are
-fitted first. Source: judgement; a third of the amplitude, as a run out of phase leaves."""
+fitted first. Source: a third of the amplitude, as a run out of phase leaves."""
 
 MIN_P_VALUE = 1e-3
 """[probability] Of what the demanded shape leaves beyond a surface of any shape, were it right,

@@ -13,8 +13,8 @@ WARM_UP = 50
 """[samples] Dropped at the beginning, which is on a bound. Source: successive samples of this
 method hardly depend on each other."""
 MAX_BOUNCES = 2000
-"""[reflections] Of one trajectory, after which it is taken where it is. Source: judgement; of
-25 bounds about as many are met."""
+"""[reflections] Of one trajectory, after which it is taken where it is. Source: of 25 bounds
+about as many are met."""
 INSIDE = 1e-3
 """[standard deviations] From the nearest bound at which the first trajectory starts at least.
 Source: far below what a band shows."""
