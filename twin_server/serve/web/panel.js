@@ -1,7 +1,9 @@
 // The view of one twin, its state or its diagnosis; made once, then kept up to date in place.
 import { Assessed } from "./assessed.js";
+import { Changes } from "./changes.js";
 import { draw, pictureOf } from "./charts.js";
 import { showConclusion } from "./conclusion.js";
+import { Costs } from "./costs.js";
 import { Diagnosis } from "./diagnosis.js";
 import { Elements } from "./elements.js";
 import { Events } from "./events.js";
@@ -80,11 +82,12 @@ export class Panel {
     this.elements = null;
     [this.events, this.outlook, this.recorded, this.assessed] = [new Events(), new Outlook(), new Recorded(), new Assessed()];
     [this.timeline, this.whatIf, this.diagnosis] = [new Timeline(twin), new WhatIf(twin), new Diagnosis(twin)];
-    [this.risk, this.plan, this.shapes, this.limits] = [new Risk(), new Plan(), new Shapes(), new Limits(twin)];
+    this.changes = new Changes(twin);
+    [this.risk, this.plan, this.shapes, this.limits, this.costs] = [new Risk(), new Plan(), new Shapes(), new Limits(this.changes), new Costs(this.changes)];
     this.state = make("div", undefined, "state");
     this.state.append(
       about, this.sensor, this.aside, this.reasons, this.timeline.root, this.shapes.root, this.charts, this.outlook.root, this.risk.root, this.plan.root, this.assessed.root,
-      this.whatIf.root, this.limits.root, this.recorded.root, this.events.root,
+      this.whatIf.root, this.limits.root, this.costs.root, this.changes.root, this.recorded.root, this.events.root,
     );
     this.root.append(this.heading(), this.answer, this.facts, this.state, this.diagnosis.root);
   }
@@ -222,7 +225,7 @@ export class Panel {
     this.offerParts(twin);
     this.timeline.tell();
     this.outlook.tell(scene);
-    this.limits.tell(scene);
+    for (const each of [this.limits, this.costs, this.changes]) each.tell(scene);
     this.recorded.tell(scene);
     this.risk.tell(scene);
     this.plan.tell(scene);
