@@ -18,7 +18,7 @@ function linesOf({ field, before, after }) {
     if (lines.length) return lines.map(([tag, text]) => { const line = make("div"); line.append(make(tag, text)); return line; });
   }
   const [old, now] = [before, after].map((value) => new Map(leavesOf(value, field)));
-  return [...new Set([...old.keys(), ...now.keys()])].filter((path) => old.get(path) !== now.get(path)).map((path) => {
+  return [...new Set([...old.keys(), ...now.keys()])].filter((path) => shown(old.get(path)) !== shown(now.get(path))).map((path) => {
     const line = english(make("div"));
     line.append(make("code", path), " ", make("del", shown(old.get(path))), " \u2192 ", make("ins", shown(now.get(path))));
     return line;

@@ -14,6 +14,7 @@ import { Recorded } from "./recorded.js";
 import { Plan } from "./plan.js";
 import { Risk } from "./risk.js";
 import { Shapes } from "./shapes.js";
+import { Supposed } from "./supposed.js";
 import { toTwin } from "./route.js";
 import { Timeline } from "./timeline.js";
 import { placeOf } from "./traces.js";
@@ -159,7 +160,8 @@ export class Panel {
     caption.append(make("span", title, "title"), value, interval, pictureOf(plot, () => `${this.twin.id} ${title}`));
     figure.append(caption, plot);
     this.charts.append(figure);
-    return { figure, value, interval, plot };
+    const supposed = QUANTITIES[quantity].measured ? null : new Supposed(this.twin, figure, plot, quantity);
+    return { figure, value, interval, plot, supposed };
   }
 
   resize() {
@@ -262,7 +264,8 @@ export class Panel {
     }
     const wide = this.root.classList.contains("wide"), found = {}, { scene } = this.twin;
     for (const quantity of this.quantities) {
-      const drawn = draw(this.figures[quantity].plot, scene, quantity, wide);
+      const { plot, supposed } = this.figures[quantity], drawn = draw(plot, scene, quantity, wide);
+      supposed?.tell(scene);
       for (const key of Object.keys(drawn)) found[key] ||= drawn[key];
     }
     await this.shapes.refresh(scene);
