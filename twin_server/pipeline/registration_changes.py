@@ -56,8 +56,8 @@ class RegistrationHistory:
         twin = self._pipeline.twin(twin_id)
         if twin is None:
             raise ProblemError(404, "no-such-twin", f"No twin is called {twin_id} any more.")
-        before: dict[str, Any] = {**order.before}
-        after: dict[str, Any] = {**order.after}
+        before: dict[str, Any] = {str(name): value for name, value in order.before.items()}
+        after: dict[str, Any] = {str(name): value for name, value in order.after.items()}
         if order.reverses is not None:
             before, after = self._reversed(twin_id, order.reverses)
         now = twin.registration.to_dict()
