@@ -41,6 +41,7 @@ from twin_server.pipeline import (
     Pipeline,
     QuarantineDesk,
     Recordings,
+    RegistrationHistory,
     TwinKnowledge,
     WorkerProcesses,
 )
@@ -245,6 +246,7 @@ def _serve(
         largest_recording=settings.recordings.max_bytes, queue=queue, alarm_service=alarms,
         composite_service=compositions,
         events=AssetEvents(pipeline, store, clock), holdings=holdings,
+        changes=RegistrationHistory(pipeline, store),
         quarantine_service=QuarantineDesk(pipeline, store, clock),
     )  # fmt: skip
     install_unavailable(app, StoreError, WrongStoreError)

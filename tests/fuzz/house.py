@@ -13,6 +13,7 @@ from twin_server.pipeline import (
     AssetEvents,
     CompositeRegistry,
     QuarantineDesk,
+    RegistrationHistory,
     TwinKnowledge,
 )
 from twin_server.registration.twin import Registration
@@ -65,6 +66,7 @@ def behind_the_door() -> Iterator[tuple[Any, dict[str, Any], dict[str, str]]]:
         app = create_app(
             knowledge, Passing(9, 99, 9), settings.serve, NoDiagnoses(),
             alarm_service=Alarms(pipeline, store), events=AssetEvents(pipeline, store),
+            changes=RegistrationHistory(pipeline, store),
             composite_service=CompositeRegistry(pipeline, store),
             quarantine_service=QuarantineDesk(pipeline, store),
         )  # fmt: skip

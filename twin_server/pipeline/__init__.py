@@ -11,6 +11,7 @@ from .knowledge import LiveUpdates, TwinKnowledge
 from .monitoring.model_changes import ModelChangeMonitor
 from .quarantine import QuarantineDesk
 from .recordings import Recordings
+from .registration_changes import RegistrationHistory
 from .workers.processes import CallerThread, WorkerProcesses, Workers
 
 __all__ = [
@@ -26,6 +27,7 @@ __all__ = [
     "Pipeline",
     "QuarantineDesk",
     "Recordings",
+    "RegistrationHistory",
     "TwinKnowledge",
     "TwinUpdate",
     "UpdateListener",

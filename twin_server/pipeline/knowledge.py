@@ -13,6 +13,7 @@ from twin_server.estimate.elements import spatial_scene
 from twin_server.identity.principals import Principal
 from twin_server.orders import SimulationOrder
 from twin_server.persist import History, Store
+from twin_server.registration.changes import Author
 from twin_server.registration.costs import RepairTerms
 from twin_server.registration.thresholds import Limit
 from twin_server.registration.twin import Registration
@@ -293,14 +294,16 @@ class TwinKnowledge:
         """SHA-256 of a twin's whole history, and how many features it has."""
         return self._store.digest(twin_id)
 
-    def register(self, twin_id: str, registration: Registration) -> bool:
+    def register(
+        self, twin_id: str, registration: Registration, author: Author | None = None
+    ) -> bool:
         """Register a twin; True where it is new."""
         try:
             self._pipeline.routing.check(twin_id, registration)
         except UnknownReceiverError as error:
             raise ProblemError(422, "no-such-receiver", str(error)) from error
         try:
-            return self._pipeline.register(twin_id, registration)
+            return self._pipeline.register(twin_id, registration, author=author)
         except NotEstimatedError as error:
             raise ProblemError(422, "not-estimated", str(error)) from error
 

@@ -13,6 +13,7 @@ from twin_server.history.details import Bodies
 from twin_server.history.states import States
 from twin_server.identity.principals import Principal
 from twin_server.orders import SimulationOrder
+from twin_server.registration.changes import Author
 from twin_server.registration.costs import RepairTerms
 from twin_server.registration.thresholds import Limit
 from twin_server.registration.twin import Registration
@@ -275,7 +276,9 @@ class Knowledge(Protocol):
         """SHA-256 of a twin's whole history, and how many features it has."""
         ...
 
-    def register(self, twin_id: str, registration: Registration) -> bool:
+    def register(
+        self, twin_id: str, registration: Registration, author: Author | None = None
+    ) -> bool:
         """Register a twin; True where it is new."""
         ...
 

@@ -11,6 +11,8 @@ from typing import Any, Literal, NamedTuple, Self
 from pydantic import TypeAdapter
 from pydantic_core import from_json
 
+from slowtime_schemas.registration_changes import RegistrationChange, RegistrationChanges
+
 from .answers import (
     AssetEvent,
     AssetEvents,
@@ -165,6 +167,41 @@ class Client:
         return Twin.model_validate(
             self.json("PUT", f"/twins/{twin_id}", body=dict(registration))
         )
+
+    def change(
+        self,
+        twin_id: str,
+        after: Mapping[str, Any],
+        *,
+        before: Mapping[str, Any] | None = None,
+        person: str | None = None,
+        text: str = "",
+    ) -> RegistrationChange:
+        """Change fields of a registration, such as ``{"alarms": [...]}``.
+
+        Parameters
+        ----------
+        before
+            Values that hold as far as the author knows; refused if others hold now.
+        text
+            Reason, kept with the change.
+        """
+        body = {"after": dict(after), "before": dict(before or {}), "person": person}
+        told = self.json("POST", f"/twins/{twin_id}/changes", body=body | {"text": text})
+        return RegistrationChange.model_validate(told)
+
+    def undo_change(
+        self, twin_id: str, number: int, *, person: str | None = None, text: str = ""
+    ) -> RegistrationChange:
+        """Put back what a change has replaced; refused if it was changed again since."""
+        body = {"reverses": number, "person": person, "text": text}
+        told = self.json("POST", f"/twins/{twin_id}/changes", body=body)
+        return RegistrationChange.model_validate(told)
+
+    def changes(self, twin_id: str) -> tuple[RegistrationChange, ...]:
+        """Return the changes of a registration, with authors and values, the newest first."""
+        told = self.json("GET", f"/twins/{twin_id}/changes")
+        return RegistrationChanges.model_validate(told).changes
 
     def delete(self, twin_id: str) -> None:
         """Forget a twin and its history."""

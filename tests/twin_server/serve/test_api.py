@@ -315,6 +315,7 @@ def test_every_route_is_described_with_an_example(server):
         "/api/v1/holdings",
         "/api/v1/holdings/{holding_id}",
         "/api/v1/composites/{composite_id}/events",
+        "/api/v1/twins/{twin_id}/changes", "/api/v1/twins/{twin_id}/forecast/record",
     }  # fmt: skip
     for path, methods in document["paths"].items():
         for method, operation in methods.items():
@@ -323,7 +324,7 @@ def test_every_route_is_described_with_an_example(server):
         "State", "TwinModel", "Registration", "ModesModel", "DiagnosisOrder", "DiagnosisModel",
         "GapModel", "ForecastModel", "CrossingModel", "SimulationOrder", "SimulationModel",
         "HeadList", "AssetEventOrder", "RiskModel", "PlanModel", "Composite", "CompositeModel",
-        "FatigueModel", "VirtualModel", "AsideModel",
+        "FatigueModel", "VirtualModel", "AsideModel", "RegistrationChangeOrder",
     ):  # fmt: skip
         assert document["components"]["schemas"][name]["examples"]
 

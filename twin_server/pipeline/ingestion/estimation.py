@@ -18,6 +18,7 @@ from twin_server.persist import (
     WriteBatch,
 )
 from twin_server.pipeline.progress import ASIDE_BEFORE, Batch, Isolated
+from twin_server.registration.changes import change_sentence
 from twin_server.registration.twin import Registration
 
 from .rows import cut_up, decoded, derived_event, event_row, twin_row
@@ -173,13 +174,19 @@ def reestimate(
 
 
 def registration_event(
-    site: str, asset: str, registration: Registration, how: str, now_ns: int
+    site: str,
+    asset: str,
+    registration: Registration,
+    how: str,
+    now_ns: int,
+    change: dict[str, Any] | None = None,
 ) -> EventRow:
-    """Make the event that a twin was registered."""
+    """Make the event that a twin was registered; with `change`, that somebody changed it."""
     message = f"Registered {how}. Quantities that may change: {registration.changes}."
-    return note_event(
-        site, asset, "registered", "info", message, registration.to_dict(), now_ns
-    )
+    details = registration.to_dict()
+    if change is not None:
+        message, details["change"] = change_sentence(change), change
+    return note_event(site, asset, "registered", "info", message, details, now_ns)
 
 
 def interrupted_event(site: str, asset: str, seconds: float, now_ns: int) -> EventRow:

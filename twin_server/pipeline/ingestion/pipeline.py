@@ -51,6 +51,12 @@ from twin_server.events.deliveries import Acknowledgement, Delivery
 from twin_server.notify.witnesses import HeadWitnesses
 from twin_server.persist import EventRow, Store, StoreError, WriteBatch
 from twin_server.pipeline.progress import Phase
+from twin_server.registration.changes import (
+    DISPLAYED,
+    Author,
+    change_details,
+    changed_fields,
+)
 from twin_server.registration.twin import Registration
 from twin_server.settings import TwinSettings
 
@@ -272,18 +278,24 @@ class Pipeline:
         kind: str = "registered",
         message: str = "",
         details: Mapping[str, Any] | None = None,
+        author: Author | None = None,
     ) -> bool:
         """Register a twin for the first time or again; return True if it is new.
 
-        One that has a history is estimated anew from its features, from the first on.
+        One that has a history is estimated anew from its features, from the first on, unless
+        no estimate depends on what is changed.
 
         Parameters
         ----------
         kind, message, details
             Of the event that says so; left out, that of any registration.
+        author
+            Who changes it, for this event.
         """
         because = (kind, message, details) if message else None
-        return self.call(lambda: self._register(twin_id, registration, because=because))
+        return self.call(
+            lambda: self._register(twin_id, registration, because=because, author=author)
+        )
 
     def note(
         self,
@@ -913,6 +925,7 @@ class Pipeline:
         how: str = "by request",
         *,
         because: tuple[str, str, Mapping[str, Any] | None] | None = None,
+        author: Author | None = None,
     ) -> bool:
         key = address(twin_id)
         before = self._twins.get(key)
@@ -920,12 +933,20 @@ class Pipeline:
             return False
         now_ns = self._clock.now_ns()
         if because is None:
-            event = registration_event(*key, registration, how, now_ns)
+            change = (
+                None
+                if before is None or author is None
+                else change_details(before.registration, registration, author)
+            )
+            event = registration_event(*key, registration, how, now_ns, change)
         else:
             kind, message, details = because
             event = note_event(*key, kind, "info", message, details or {}, now_ns)
         if before is None:
             twin = new_twin(registration)
+            self.store.write(WriteBatch(twins=[twin_row(key, twin)], events=[event]))
+        elif DISPLAYED.issuperset(changed_fields(before.registration, registration)):
+            twin = before._replace(registration=registration)
             self.store.write(WriteBatch(twins=[twin_row(key, twin)], events=[event]))
         else:
             twin = reestimate(

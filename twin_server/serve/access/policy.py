@@ -45,7 +45,8 @@ _RECORDING = f"{_V1}/recordings/{{name}}"
 _SEE = [(f"{_TWIN}{more}", Scope.VIEWER) for more in (
     "", "/history", "/history/hash", "/history/export", "/dtdl", "/modes", "/shapes",
     "/forecast", "/forecast/record",
-    "/plan", "/risk", "/events", "/events/recorded", "/live", "/gap", "/fatigue", "/virtual",
+    "/plan", "/risk", "/events", "/events/recorded", "/changes",
+    "/live", "/gap", "/fatigue", "/virtual",
     "/alarms", "/alarms/deliveries",
     "/memberships", "/quarantine", "/ledger",
     "/diagnoses", "/diagnoses/{number}", "/diagnoses/{number}/{name}",
@@ -55,6 +56,7 @@ _DO = [
     ("DELETE", _TWIN, Scope.ADMIN),
     ("POST", f"{_TWIN}/simulate", Scope.VIEWER),
     ("POST", f"{_TWIN}/events", Scope.OPERATOR),
+    ("POST", f"{_TWIN}/changes", Scope.OPERATOR),
     ("POST", f"{_TWIN}/alarms/test", Scope.OPERATOR),
     ("POST", f"{_TWIN}/alarms/{{event_id}}/acknowledge", Scope.OPERATOR),
     ("POST", f"{_TWIN}/quarantine/{{number}}/release", Scope.OPERATOR),

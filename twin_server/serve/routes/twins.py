@@ -8,6 +8,7 @@ from fastapi.concurrency import run_in_threadpool
 from pydantic_core import from_json, to_json
 
 from twin_server.identity.principals import principal_of
+from twin_server.registration.changes import Author
 from twin_server.registration.twin import Registration
 from twin_server.serve.composite_service import CompositeService
 from twin_server.serve.http import problems
@@ -87,7 +88,9 @@ def routes(
         release_body_slot(request.scope)
         if composite_service is not None and composite_service.exists(twin_id):
             raise composite_of_that_id(twin_id)
-        new = await changing.run(lambda: knowledge.register(twin_id, registration))
+        name = principal_of(request.scope).name
+        author = Author(name, name)
+        new = await changing.run(lambda: knowledge.register(twin_id, registration, author))
         told = await run_in_threadpool(described, twin_id, registration, None)
         return Response(told, 201 if new else 200, media_type=JSON)
 

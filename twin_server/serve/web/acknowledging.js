@@ -8,6 +8,7 @@ export class Acknowledging {
     this.path = `${base}/alarms/${event.event_id}/acknowledge`;
     this.root = make("span", undefined, "acknowledging");
     this.open = button(t("acknowledging.acknowledge"), () => this.ask());
+    this.open.classList.add("writes");
     this.open.setAttribute("aria-label", t("acknowledging.of", { event: event.message }));
     this.seen = make("span", "", "seen");
     this.seen.tabIndex = -1;

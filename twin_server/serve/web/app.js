@@ -13,7 +13,7 @@ import { english, explain, make, say } from "./words.js";
 const LIST_MS = 2000, DRAW_MS = 500, REST = 2;
 const $ = (id) => document.getElementById(id);
 const fleet = new Fleet(), recordings = new Recordings(), underWay = new UnderWay();
-let place = where(location.hash), panel = null, known = null, lostAt = null, asking = false, drawing = false, telling = false;
+let scope = null, place = where(location.hash), panel = null, known = null, lostAt = null, asking = false, drawing = false, telling = false;
 
 /** Words as soon as they are known, once a frame; drawings follow in their own time, the first ones at once. */
 function changed() {
@@ -77,7 +77,15 @@ async function identify(event) {
   if (answer?.ok) refresh();
 }
 
+/** Those who may only look are shown no buttons that the server would refuse. */
+async function learnScope() {
+  scope = "asked";
+  scope = await ask("/api/v1/session").then((told) => told.scope, () => null);
+  document.documentElement.dataset.scope = scope ?? "";
+}
+
 function whoAsks() {
+  scope = null;
   panel?.twin.unwatch();
   $("who").hidden = false;
   say($("connection"), "waiting", t("app.token_needed"));
@@ -92,6 +100,7 @@ async function refresh() {
     lostAt = null;
     say($("connection"), "good", t("app.live"));
     $("who").hidden = true;
+    if (!scope) learnScope();
   } catch (error) {
     if (error.status === 401) return whoAsks();
     lostAt ??= new Date();

@@ -1,23 +1,11 @@
 // The limits of a twin: those that raise an alarm, and those whose time is foretold; changed and put back by those who may.
+import { authorIn } from "./form_fields.js";
 import { t } from "./language.js";
-import { send } from "./link.js";
-import { button, digits, english, explain, make, say, titleOf } from "./words.js";
+import { rowsOf, said, scaleOf } from "./limit_words.js";
+import { button, make, titleOf } from "./words.js";
 
 const SIDES = { below: t("limits.below"), above: t("limits.above"), at: t("limits.at") };
 const CERTAINTY = 0.975;
-
-const scaleOf = (quantity) => quantity === "frequency_hz" ? [1, "Hz"] : [100, "%"];
-
-/** Limits of a registration in rows: an alarm has a side, a threshold of the forecast is a question. */
-const rowsOf = ({ alarms = [], forecast }) => [
-  ...alarms.map(({ quantity, below, above, certainty }) => ({ quantity, side: above === null || above === undefined ? "below" : "above", value: below ?? above, certainty })),
-  ...(forecast?.thresholds ?? []).map(({ quantity, at }) => ({ quantity, side: "at", value: at, certainty: null })),
-];
-
-function said({ quantity, side, value, certainty }) {
-  const [scale, unit] = scaleOf(quantity), limit = `${digits(scale * value, 4)}\u202f${unit}`;
-  return t(`limits.said_${side}`, { quantity: titleOf(quantity), limit, certainty: certainty === null ? "" : `${digits(100 * certainty, 4)}\u202f%` });
-}
 
 /** What can have a limit: what is measured, and what the twin estimates. */
 function quantitiesOf({ registration: { changes }, elements }) {
@@ -39,12 +27,13 @@ function numeric(value, label) {
 }
 
 export class Limits {
-  constructor(twin) {
-    this.twin = twin;
+  constructor(changes) {
+    this.changes = changes;
     this.root = make("details", undefined, "limits");
     this.summary = make("summary", t("limits.none"));
     [this.list, this.place] = [make("ul"), make("div")];
     this.open = button(t("limits.change"), () => this.edit());
+    this.open.classList.add("writes");
     this.answer = make("p", "", "answer");
     this.answer.setAttribute("role", "status");
     this.root.append(this.summary, this.list, this.open, this.place, this.answer);
@@ -62,17 +51,19 @@ export class Limits {
   }
 
   edit() {
-    const form = this.form = make("form", undefined, "record"), rows = make("div"), quantities = quantitiesOf(this.latest);
+    const form = this.form = make("form", undefined, "record"), rows = make("div"), quantities = quantitiesOf(this.latest), who = make("p");
+    this.before = this.latest.registration;
     const add = (row) => rows.append(this.row(row, quantities));
     for (const row of rowsOf(this.latest.registration)) add(row);
     const [first] = Object.keys(quantities), fresh = { quantity: first, side: "below", value: "", certainty: CERTAINTY }, save = make("button", t("limits.save"), "act");
+    const author = authorIn(who);
     form.append(
-      rows, button(t("limits.add"), () => add(fresh)), save,
+      rows, button(t("limits.add"), () => add(fresh)), who, save, " ",
       button(t("form.cancel"), () => this.close()),
     );
     form.addEventListener("submit", (submitted) => {
       submitted.preventDefault();
-      this.give([...rows.children].map((row) => row.read()));
+      this.give([...rows.children].map((row) => row.read()), author());
     });
     form.addEventListener("keydown", (pressed) => { if (pressed.key === "Escape") this.close(); });
     this.place.replaceChildren(form);
@@ -96,26 +87,13 @@ export class Limits {
     return root;
   }
 
-  /** Register the twin anew with these limits; what it was before can be put back. */
-  async give(rows) {
-    const before = this.latest.registration;
+  /** Refused where somebody else has changed the limits since the form was opened. */
+  async give(rows, author) {
+    const { alarms: were, forecast } = this.before;
     const alarms = rows.filter(({ side }) => side !== "at").map(({ quantity, side, value, certainty }) => ({ quantity, [side]: value, certainty }));
     const thresholds = rows.filter(({ side }) => side === "at").map(({ quantity, value }) => ({ quantity, at: value }));
-    await this.register({ ...before, alarms, forecast: { ...before.forecast, thresholds } }, before);
-  }
-
-  async register(registration, before) {
-    this.answer.removeAttribute("lang");
-    say(this.answer, "waiting", t("limits.saving"));
-    try {
-      this.twin.hear(await send(this.twin.base, "PUT", registration));
-      this.close();
-      say(this.answer, "good", t("limits.saved"));
-      if (before) this.answer.append(" ", button(t("form.undo"), () => this.register(before, null)));
-    } catch (error) {
-      this.answer.dataset.state = "bad";
-      explain(error.status ? english(this.answer) : this.answer, error);
-    }
+    const order = { before: { alarms: were, forecast }, after: { alarms, forecast: { ...forecast, thresholds } }, ...author };
+    if (await this.changes.save(order, this.answer)) this.close();
   }
 
   close() {

@@ -1,7 +1,9 @@
 // The view of one twin, its state or its diagnosis; made once, then kept up to date in place.
 import { Assessed } from "./assessed.js";
+import { Changes } from "./changes.js";
 import { draw, pictureOf } from "./charts.js";
 import { showConclusion } from "./conclusion.js";
+import { Costs } from "./costs.js";
 import { Diagnosis } from "./diagnosis.js";
 import { Elements } from "./elements.js";
 import { Events } from "./events.js";
@@ -12,6 +14,7 @@ import { Recorded } from "./recorded.js";
 import { Plan } from "./plan.js";
 import { Risk } from "./risk.js";
 import { Shapes } from "./shapes.js";
+import { Supposed } from "./supposed.js";
 import { toTwin } from "./route.js";
 import { Timeline } from "./timeline.js";
 import { placeOf } from "./traces.js";
@@ -80,11 +83,12 @@ export class Panel {
     this.elements = null;
     [this.events, this.outlook, this.recorded, this.assessed] = [new Events(), new Outlook(), new Recorded(), new Assessed()];
     [this.timeline, this.whatIf, this.diagnosis] = [new Timeline(twin), new WhatIf(twin), new Diagnosis(twin)];
-    [this.risk, this.plan, this.shapes, this.limits] = [new Risk(), new Plan(), new Shapes(), new Limits(twin)];
+    this.changes = new Changes(twin);
+    [this.risk, this.plan, this.shapes, this.limits, this.costs] = [new Risk(), new Plan(), new Shapes(), new Limits(this.changes), new Costs(this.changes)];
     this.state = make("div", undefined, "state");
     this.state.append(
       about, this.sensor, this.aside, this.reasons, this.timeline.root, this.shapes.root, this.charts, this.outlook.root, this.risk.root, this.plan.root, this.assessed.root,
-      this.whatIf.root, this.limits.root, this.recorded.root, this.events.root,
+      this.whatIf.root, this.limits.root, this.costs.root, this.changes.root, this.recorded.root, this.events.root,
     );
     this.root.append(this.heading(), this.answer, this.facts, this.state, this.diagnosis.root);
   }
@@ -156,7 +160,8 @@ export class Panel {
     caption.append(make("span", title, "title"), value, interval, pictureOf(plot, () => `${this.twin.id} ${title}`));
     figure.append(caption, plot);
     this.charts.append(figure);
-    return { figure, value, interval, plot };
+    const supposed = QUANTITIES[quantity].measured ? null : new Supposed(this.twin, figure, plot, quantity);
+    return { figure, value, interval, plot, supposed };
   }
 
   resize() {
@@ -222,7 +227,7 @@ export class Panel {
     this.offerParts(twin);
     this.timeline.tell();
     this.outlook.tell(scene);
-    this.limits.tell(scene);
+    for (const each of [this.limits, this.costs, this.changes]) each.tell(scene);
     this.recorded.tell(scene);
     this.risk.tell(scene);
     this.plan.tell(scene);
@@ -259,7 +264,8 @@ export class Panel {
     }
     const wide = this.root.classList.contains("wide"), found = {}, { scene } = this.twin;
     for (const quantity of this.quantities) {
-      const drawn = draw(this.figures[quantity].plot, scene, quantity, wide);
+      const { plot, supposed } = this.figures[quantity], drawn = draw(plot, scene, quantity, wide);
+      supposed?.tell(scene);
       for (const key of Object.keys(drawn)) found[key] ||= drawn[key];
     }
     await this.shapes.refresh(scene);

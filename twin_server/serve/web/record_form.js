@@ -1,4 +1,5 @@
 // The form by which an event of an asset is recorded: which kind, of what, when, with which result.
+import { choices, labelled, written } from "./form_fields.js";
 import { t } from "./language.js";
 import { button, make, slowTime, titleOf } from "./words.js";
 
@@ -11,15 +12,6 @@ const RESULTS = { measured: t("record.result_measured"), found: t("record.result
 
 /** An id that the server has not seen: made once for a form, so that sending it again is no second event. */
 export const nameOf = () => `page-${Date.now().toString(36)}-${Math.random().toString(36).slice(2, 10)}`;
-
-const choices = (select, of) => select.append(...Object.entries(of).map(([value, text]) => Object.assign(make("option", text), { value })));
-
-function labelled(text, input, fields) {
-  const label = make("label", `${text} `);
-  label.append(input);
-  fields.append(label);
-  return { label, input };
-}
 
 const numeric = (value, least, most) => Object.assign(make("input"), { type: "number", step: "any", value, min: least, max: most, required: true });
 
@@ -53,8 +45,8 @@ export class RecordForm {
     this.sd = labelled(t("record.sd"), numeric(5, 0, 1e6), this.root);
     this.a50 = labelled(t("record.a50"), numeric(10, 0, 100), this.root);
     this.slope = labelled(t("record.slope"), numeric(2, 0, 1e3), this.root);
-    this.person = labelled(t("form.name"), Object.assign(make("input"), { type: "text", autocomplete: "name", maxLength: 100 }), this.root);
-    this.text = labelled(t("record.text"), Object.assign(make("input"), { type: "text", autocomplete: "off", maxLength: 2000 }), this.root);
+    this.person = labelled(t("form.name"), written({ autocomplete: "name", maxLength: 100 }), this.root);
+    this.text = labelled(t("record.text"), written({ maxLength: 2000 }), this.root);
     this.send = make("button", t("record.record"), "act");
     this.problem = make("span", "", "alarm");
     this.problem.setAttribute("role", "alert");

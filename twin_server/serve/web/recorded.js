@@ -10,6 +10,7 @@ export class Recorded {
     this.summary = make("summary", t("recorded.none"));
     [this.questions, this.list] = [make("ul", undefined, "questions"), make("ol")];
     this.open = button(t("recorded.open"), () => this.ask({}));
+    this.open.classList.add("writes");
     this.place = make("div");
     this.answer = make("p", "", "answer");
     this.answer.setAttribute("role", "status");
@@ -55,6 +56,7 @@ export class Recorded {
       item.append(" ", make("span", t("recorded.taken_back"), "severity"));
     } else if (event.reverses === null && !past) {
       const undo = button(t("form.undo"), () => this.give({ event: nameOf(), kind: "note", reverses: event.event }));
+      undo.classList.add("writes");
       undo.setAttribute("aria-label", t("recorded.undo", { event: event.sentence }));
       item.append(" ", undo);
     }

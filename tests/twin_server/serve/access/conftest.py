@@ -15,6 +15,7 @@ from twin_server.pipeline import (
     AssetEvents,
     CompositeRegistry,
     QuarantineDesk,
+    RegistrationHistory,
     TwinKnowledge,
 )
 from twin_server.registration.twin import Registration
@@ -94,6 +95,7 @@ def door(tmp_path_factory):
         app = create_app(
             TwinKnowledge(pipeline, store), hub, settings.serve, Nothing(), Nothing(),
             alarm_service=Alarms(pipeline, store), events=AssetEvents(pipeline, store),
+            changes=RegistrationHistory(pipeline, store),
             composite_service=CompositeRegistry(pipeline, store),
             quarantine_service=QuarantineDesk(pipeline, store),
         )  # fmt: skip

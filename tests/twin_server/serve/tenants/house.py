@@ -32,6 +32,7 @@ from twin_server.pipeline import (
     Pipeline,
     QuarantineDesk,
     Recordings,
+    RegistrationHistory,
     TwinKnowledge,
 )
 from twin_server.serve import Hub, create_app
@@ -116,6 +117,7 @@ class House:
             largest_recording=settings.recordings.max_bytes,
             alarm_service=Alarms(self.pipeline, self.store, self.clock),
             events=AssetEvents(self.pipeline, self.store, self.clock),
+            changes=RegistrationHistory(self.pipeline, self.store),
             composite_service=CompositeRegistry(self.pipeline, self.store, self.clock),
             quarantine_service=QuarantineDesk(self.pipeline, self.store, self.clock),
             holdings=holdings,

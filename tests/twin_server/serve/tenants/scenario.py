@@ -174,6 +174,13 @@ def _alarms_and_events(t: Tenant) -> Iterator[None]:
     t.get(f"{twin}/events/recorded")
     t.get(f"{twin}/events")
     yield
+    t.ask("viewer", "POST", f"{twin}/changes", json={"after": {"name": "Mine"}})
+    named = {"after": {"name": f"Beam 2 {t.secret}"}, "text": t.secret}
+    changed = t.ask("operator", "POST", f"{twin}/changes", json=named)
+    t.ask("operator", "POST", f"{twin}/changes", json=named)
+    t.ask("operator", "POST", f"{twin}/changes", json={"reverses": changed["number"]})
+    t.get(f"{twin}/changes")
+    yield
 
 
 def _composites(t: Tenant) -> Iterator[None]:

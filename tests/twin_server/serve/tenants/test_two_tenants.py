@@ -71,6 +71,7 @@ UNREACHED: dict[str, tuple[str, ...]] = {
         "get /recordings/{name} 409",
         "get /twins/{twin_id}/alarms 409",
         "get /twins/{twin_id}/alarms/deliveries 409",
+        "get /twins/{twin_id}/changes 409",
         "get /twins/{twin_id}/diagnoses 409",
         "get /twins/{twin_id}/diagnoses/{number} 409",
         "get /twins/{twin_id}/diagnoses/{number}/{name} 409",
