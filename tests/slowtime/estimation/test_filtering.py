@@ -45,14 +45,15 @@ def repeating():
 JUMPS = [(20.0, 0.7), (33.3, 0.4), (2.0, 0.1)]
 
 
-def one_by_one(process, time, value, sd, jumps):
+def one_by_one(process, readings, jumps):
     """Belief and log-likelihood by a step at a time, with each jump just before its reading."""
-    belief, total, waiting = process.start(float(time[0])), 0.0, sorted(jumps)
+    time, value, sd = readings
+    belief, total, waiting = process.start(float(time[0])), np.zeros(3), sorted(jumps)
     for reading in zip(time.tolist(), value.tolist(), sd.tolist(), strict=True):
         while waiting and waiting[0][0] < reading[0]:
             belief = state_space.lifted(belief, waiting.pop(0)[1])
         belief, met = state_space.step(process, belief, *reading)
-        total = total + met.log_likelihood
+        total += met.log_likelihood
     return belief, total
 
 
@@ -63,7 +64,7 @@ def one_by_one(process, time, value, sd, jumps):
 )
 def test_a_compiled_pass_gives_the_numbers_of_a_step_at_a_time(process):
     readings = series(2)
-    belief, likelihood = one_by_one(process, *readings, JUMPS)
+    belief, likelihood = one_by_one(process, readings, JUMPS)
     found = filtering.filtered(process, *readings, jumps=JUMPS, innovations=True)
     np.testing.assert_allclose(found.belief.mean, belief.mean, rtol=1e-8, atol=1e-10)
     np.testing.assert_allclose(found.belief.covariance, belief.covariance, rtol=1e-7, atol=1e-9)

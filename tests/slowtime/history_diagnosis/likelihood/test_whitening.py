@@ -42,9 +42,7 @@ def test_products_of_whitened_columns_are_those_of_the_dense_inverse(process, se
 def test_the_likelihood_is_that_of_the_process_of_the_estimation_room(process, series):
     time, variance, columns = series
     filtered = whiten(process, time, variance, columns[:, :1])
-    slow = SlowProcess(
-        smoothness=process.smoothness, length=process.length, sd=process.sd
-    )
+    slow = SlowProcess(smoothness=process.smoothness, length=process.length, sd=process.sd)
     theirs = filtering.log_likelihood(slow, time, columns[:, 0], np.sqrt(variance))
     count = len(time) * np.log(2.0 * np.pi)
     ours = -0.5 * ((filtered.white**2).sum() + filtered.log_determinant + count)

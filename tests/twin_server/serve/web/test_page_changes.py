@@ -1,6 +1,7 @@
 """The page in a real Chromium: changes of limits and costs are kept with authors and undone."""
 
 import datetime
+from typing import Any
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
@@ -13,7 +14,7 @@ from twin_server.settings import AccessSettings
 pytestmark = pytest.mark.browser
 
 TWIN = "/api/v1/twins/lab.beam"
-BODY = {
+BODY: dict[str, Any] = {
     "nominal": {"frequency_hz": 3.0, "damping_ratio": 0.02},
     "alarms": [{"quantity": "stiffness_change", "below": -0.3}],
 }
