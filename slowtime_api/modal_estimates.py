@@ -16,7 +16,7 @@ from slowtime.identification.single_mode.excitation import excitation
 from slowtime.identification.single_mode.machine_lines import LINE
 from slowtime_schemas.files.modes import ModesFile
 from slowtime_services.files import accelerations, mixed_units
-from slowtime_services.modal import read_geometry, read_selection, write_modes, write_selection
+from slowtime_services.modal import read_geometry, read_selection, selection_text, write_modes
 from slowtime_services.modal.entries import mode_entry
 from slowtime_services.modal.identification import Method, identify_part, stretches
 from slowtime_services.modal.losses import Gaps, completed, widened
@@ -197,7 +197,8 @@ class Modes(Sequence[EstimatedMode]):
                 "There are no poles to choose from, as each mode was identified by itself. "
                 "Identify with method='modes'."
             )
-        write_selection(Path(path), "signals", self.selection, self.detail.modes)
+        text = selection_text("signals", self.selection, self.detail.modes)
+        Path(path).write_text(text, encoding="utf-8")
 
     def _file(self) -> ModesFile:
         """Return the content of a modes file."""

@@ -18,9 +18,9 @@ from slowtime.identification.selection import Selection
 from slowtime.identification.subspace.stabilisation import Stabilisation
 from slowtime_cli.shared.report_flags import report_language
 from slowtime_cli.shared.terminal import show
-from slowtime_services.modal import ENDING, read_modes, write_selection
+from slowtime_services.modal import ENDING, read_modes, selection_text
 from slowtime_services.modal.entries import mode_entry
-from slowtime_services.reports import Chart, Section, Table, Words, write_page
+from slowtime_services.reports import Chart, PoleChoice, Section, Table, Words, write_page
 from slowtime_services.reports.kinds.modes import modes_page
 
 from .mac_charts import mac_charts
@@ -222,14 +222,14 @@ def write_report(
         Section("Spectra", (), [spectra]),
     ]
     if len(result.stabilisation.order):
-        sections.append(
-            Section("Stabilisation", (), [_stabilisation(result, captions.stabilisation)])
-        )
+        chart = _stabilisation(result, captions.stabilisation)
+        file = path.with_suffix(ENDING)
+        text = selection_text(name, selection, result.modes)
+        file.write_text(text, encoding="utf-8")
+        sections.append(Section("Stabilisation", (), [PoleChoice(chart, file.name, text)]))
     if len(channels) > 1 and structural and shapes:
         drawn = [_shapes(result, channels)]
         sections.append(Section("Shapes", (), [*drawn, *mac_charts(result, models)]))
-    if len(result.stabilisation.order):
-        write_selection(path.with_suffix(ENDING), name, selection, result.modes)
     write_page(
         path, f"{words('kind.modes')}: {name}", first.answer, sections,
         first=first, picture=spectra, language=language,
@@ -277,11 +277,10 @@ def _mark(mode: Mode) -> dict[str, Any]:
 def _stabilisation(result: ModalResult, caption: str) -> Chart:
     poles = result.stabilisation
     finite = np.isfinite(poles.frequency_hz) & (poles.damping_ratio > 0)
-    # On an axis of its own, whose range is that of what it shows.
-    traces = [
-        {**trace, "yaxis": "y2", "line": {"width": 1, "color": "#d9b48f"}}
-        for trace in _spectra(result, "").data[:1]
-    ]
+    modes_hz = np.array([mode.frequency_hz.value for mode in result.modes]).round(6)
+    # On an axis of its own, whose range is that of what it shows; a click means a pole.
+    ground = {"yaxis": "y2", "line": {"width": 1, "color": "#d9b48f"}, "hoverinfo": "skip"}
+    traces = [{**trace, **ground} for trace in _spectra(result, "").data[:1]]
     for belongs, name, colour in ((False, "other pole", "#9aa5ad"), (True, "mode", "#0b6fb8")):
         chosen = finite & ((poles.mode >= 0) == belongs)
         if not belongs:
@@ -293,6 +292,8 @@ def _stabilisation(result: ModalResult, caption: str) -> Chart:
                 "x": poles.frequency_hz[chosen].round(6).tolist(),
                 "y": poles.order[chosen].tolist(),
                 "error_x": bars if belongs else None,
+                # All poles of a mode stand for it.
+                "customdata": modes_hz[poles.mode[chosen]].tolist() if belongs else None,
                 "name": name,
                 "mode": "markers",
                 "marker": {"size": 5, "color": colour, "symbol": "cross" if belongs else "dot"},
@@ -307,6 +308,7 @@ def _stabilisation(result: ModalResult, caption: str) -> Chart:
                 "range": _decades(result),
             },
             "yaxis": {"title": {"text": "model order"}},
+            "margin": {"t": 24, "r": 64},  # room for the axis on the right
             "yaxis2": {
                 "title": {"text": "density [dB]"},
                 "overlaying": "y",

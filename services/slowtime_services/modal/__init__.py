@@ -3,7 +3,7 @@
 from .geometry import UNIVERSAL, Geometry, Place, name_of, places_of, read_geometry
 from .modes_reader import ReadMode, ReadModes, read_modes
 from .modes_writer import write_modes
-from .selection_file import ENDING, SelectionFileError, read_selection, write_selection
+from .selection_file import ENDING, SelectionFileError, read_selection, selection_text
 from .tables import write_table
 
 __all__ = [
@@ -19,7 +19,7 @@ __all__ = [
     "read_geometry",
     "read_modes",
     "read_selection",
+    "selection_text",
     "write_modes",
-    "write_selection",
     "write_table",
 ]

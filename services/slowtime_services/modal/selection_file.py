@@ -57,15 +57,11 @@ def read_selection(path: pathlib.Path) -> Selection:
     )
 
 
-def write_selection(
-    path: pathlib.Path, name: str, selection: Selection | None, modes: Sequence[Mode]
-) -> None:
-    """Write the choice that led to some modes, to be edited.
+def selection_text(name: str, selection: Selection | None, modes: Sequence[Mode]) -> str:
+    """Text of the file of the choice that led to some modes; edits are added at its end.
 
     Parameters
     ----------
-    path
-        File to write.
     name
         Of the record.
     selection
@@ -91,8 +87,7 @@ def write_selection(
             f"#   {mode.frequency_hz.value:<10.5g} {100 * mode.damping_ratio.value:<8.3f} "
             f"{mode.quality:.2f}  {flags}"
         )
-    text = HOW.format(name=name.replace("\n", " ")) + "\n".join(lines) + "\n"
-    path.write_text(text, encoding="utf-8")
+    return HOW.format(name=name.replace("\n", " ")) + "\n".join(lines) + "\n"
 
 
 def _edit(one: SelectionEdit) -> Edit:

@@ -8,7 +8,17 @@ from .first_page import (
     Sketch,
     level_of,
 )
-from .page import VIEWER, Chart, Scene, Section, Table, charts_in, page_text, write_page
+from .page import (
+    VIEWER,
+    Chart,
+    PoleChoice,
+    Scene,
+    Section,
+    Table,
+    charts_in,
+    page_text,
+    write_page,
+)
 from .pdf import PrintingError
 from .words import LANGUAGES, Words
 
@@ -20,6 +30,7 @@ __all__ = [
     "Confidence",
     "FirstPage",
     "Improvement",
+    "PoleChoice",
     "PrintingError",
     "Scene",
     "Section",

@@ -25,6 +25,9 @@ from .words import Words
 VIEWER = Path(__file__).parent / "wireframe.js"
 """The viewer of mode shapes in space, an ECMAScript module that the twin's page runs too."""
 
+POLES = Path(__file__).parent / "poles.js"
+"""Chooses poles of a stabilisation diagram, and saves the file of the choice."""
+
 PLOTLY = Path(plotly.__file__).parent / "package_data" / "plotly.min.js"
 
 _SECTION = re.compile(r"<section>\n<h2[^>]*>(.*?)</h2>\n(.*?)\n</section>", re.DOTALL)
@@ -61,6 +64,7 @@ unpacked(document.querySelector('#library')).then((text) => {
   library.textContent = text;
   document.head.append(library);
   draw();
+  document.dispatchEvent(new Event('drawn'));
 });
 """
 
@@ -92,12 +96,32 @@ class Scene:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
+class PoleChoice:
+    """A stabilisation diagram whose poles are clicked to choose modes.
+
+    Its traces "mode" and "other pole" hold the poles.
+
+    Parameters
+    ----------
+    name, text
+        Of the file of the choice, to which each click adds an edit.
+    """
+
+    chart: Chart
+    name: str
+    text: str
+
+
+Item = Table | Chart | Scene | PoleChoice
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
 class Section:
     """A heading, sentences, and the items below them."""
 
     heading: str
     words: Sequence[str] = ()
-    shown: Sequence[Table | Chart | Scene] = ()
+    shown: Sequence[Item] = ()
 
 
 def write_page(
@@ -150,7 +174,7 @@ def page_text(
     """Give the HTML of a page, as `write_page` writes it."""
     words = Words(language)
     shown = [picture, *(one for section in sections for one in section.shown)]
-    draws = any(isinstance(one, Chart) for one in shown)
+    draws = any(isinstance(one, Chart | PoleChoice) for one in shown)
     moves = any(isinstance(one, Scene) for one in shown)
     if first is None:
         head = [f"<h1>{html.escape(title)}</h1>", f"<p>{html.escape(lead)}</p>"]
@@ -162,6 +186,8 @@ def page_text(
         f"<script>{DRAW}</script>"
     )
     scripts = scripts if draws else ""
+    if any(isinstance(one, PoleChoice) for one in shown):
+        scripts = f"<script>\n{POLES.read_text(encoding='utf-8')}</script>\n{scripts}"
     if moves:
         viewer = VIEWER.read_text(encoding="utf-8")
         scripts += f'\n<script type="module">\n{viewer}\ndrawAll();\n</script>'
@@ -209,10 +235,20 @@ def _of(words: Words) -> str:
     return "" if words.language == "en" else ' lang="en"'
 
 
-def _item(shown: Table | Chart | Scene, words: Words) -> str:
+def _item(shown: Item, words: Words) -> str:
     if isinstance(shown, Table):
         return _table(shown, words)
+    if isinstance(shown, PoleChoice):
+        return _pole_choice(shown, words)
     return _chart(shown) if isinstance(shown, Chart) else _scene(shown)
+
+
+def _pole_choice(choice: PoleChoice, words: Words) -> str:
+    content = json.dumps({"name": choice.name, "text": choice.text}).replace("<", "\\u003c")
+    return (
+        f'<div class="choice">{_chart(choice.chart)}\n<div class="poles"{_of(words)}>'
+        f'<script type="application/json">{content}</script></div></div>'
+    )
 
 
 def _scene(scene: Scene) -> str:

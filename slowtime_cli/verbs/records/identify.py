@@ -164,7 +164,8 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
     "--select",
     type=EXISTING,
     help="File of your choice of modes: edits of the automatic choice (keep, drop, merge, "
-    "split). --report writes one beside its page, NAME.selection.yaml, to be edited.",
+    "split). --report writes one beside its page, NAME.selection.yaml, to be edited; a click "
+    "on a pole of the page adds an edit.",
 )
 @language_flag
 @click.option(

@@ -61,6 +61,61 @@ def test_the_diagram_lies_over_the_spectrum_and_shapes_have_a_mac_matrix(run, th
     assert np.array(matrix)[0, 1] < 0.2
 
 
+@pytest.mark.browser
+def test_poles_clicked_in_the_report_are_the_file_of_the_choice(run, three_storeys, browser):
+    flags = ("--rate-hz", RATE)
+    run("identify", three_storeys, *flags, "--report", "r.html", "--out", "auto.json")
+    modes = json.loads(Path("auto.json").read_text())["modes"]
+    page = browser.new_page()
+    complaints: list[str] = []
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.goto(Path("r.html").resolve().as_uri())
+    choice = page.locator(".choice")
+    choice.locator(".main-svg").first.wait_for(timeout=300_000)
+    save = choice.get_by_role("button", name="Save the choice of modes")
+    assert save.is_disabled()
+
+    # A pole of the second mode, by the pointer; taken back, and clicked again.
+    at = modes[1]["frequency_hz"]["value"]
+    spot = choice.locator(".chart").evaluate(
+        """(chart, hz) => {
+          chart.scrollIntoView({ block: 'center' });
+          const trace = chart.data.findIndex(({ name }) => name === 'mode');
+          const far = chart.data[trace].x.map((x) => Math.abs(x - hz));
+          const one = far.indexOf(Math.min(...far)), box = chart.getBoundingClientRect();
+          const { xaxis, yaxis, _size } = chart._fullLayout;
+          return [box.x + _size.l + xaxis.d2p(chart.data[trace].x[one]),
+                  box.y + _size.t + yaxis.d2p(chart.data[trace].y[one])];
+        }""",
+        at,
+    )
+    told = choice.get_by_role("status")
+    for said in ("Chosen: drop", "Taken back: drop", "Chosen: drop"):
+        page.mouse.move(spot[0] - 40, spot[1])
+        page.mouse.move(*spot, steps=4)
+        page.wait_for_timeout(500)  # a click means what the pointer has rested on
+        page.mouse.click(*spot)
+        told.filter(has_text=said).wait_for()
+
+    # Another, by keys; what is no frequency is refused.
+    field = choice.get_by_label("Frequency [Hz]")
+    choice.get_by_role("button", name="Drop", exact=True).press("Enter")
+    told.filter(has_text="Give a frequency above 0 Hz").wait_for()
+    field.fill(f"{modes[2]['frequency_hz']['value']:.3f}")
+    choice.get_by_role("button", name="Drop", exact=True).press("Enter")
+    assert choice.locator("ol > li").count() == 2
+    with page.expect_download() as saved:
+        save.press("Enter")
+    assert saved.value.suggested_filename == "r" + ENDING
+    saved.value.save_as("mine.yaml")
+    assert complaints == []
+    page.close()
+
+    done = run("identify", three_storeys, *flags, "--select", "mine.yaml", "--out", "b.json")
+    assert done.status == 0
+    assert json.loads(Path("b.json").read_text())["modes"] == [modes[0]]
+
+
 def test_frequency_responses_are_chosen_from_alike(run):
     hz = np.linspace(0.5, 15, 600)
     h = frame(3).acceleration(2j * np.pi * hz)[:, :, 0]
