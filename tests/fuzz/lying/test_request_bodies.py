@@ -20,6 +20,10 @@ HONEST: dict[tuple[str, str], Any] = {
         "changes": "stiffness",
         "nominal": {"frequency_hz": 2.0, "damping_ratio": 0.01},
     },
+    ("post", "/twins/{twin_id}/changes"): {
+        "before": {"name": "Beam"}, "after": {"name": "Girder"}, "person": "Ann",
+        "text": "as in the plans",
+    },
     ("post", "/twins/{twin_id}/events"): {
         "event": "r1", "kind": "repair", "slow_time": 4.0, "person": "Ann", "text": "new bolt",
     },
