@@ -47,8 +47,15 @@ def _move(a, begins, columns, noise, m, p, half, moved):  # type: ignore[no-unty
 
 
 @_compiled
-def _read(seen, value, variance, m, p, reach, weak):  # type: ignore[no-untyped-def]
-    """Update mean and covariance by a reading; its residual, and the variance of that."""
+def _read(seen, value, sd, m, p, reach, weak):  # type: ignore[no-untyped-def]
+    """Update mean and covariance by a reading.
+
+    Returned are its residual, the variance of that, and what it adds to the log-likelihood; of
+    a missing one 0, infinity and 0.
+    """
+    variance = sd * sd
+    if np.isnan(value) or np.isnan(variance):
+        return 0.0, np.inf, 0.0
     size = len(m)
     expected, own = 0.0, 0.0
     for r in range(size):
@@ -82,14 +89,15 @@ def _read(seen, value, variance, m, p, reach, weak):  # type: ignore[no-untyped-
             entry += variance * gain * other
             p[r, c] = entry
             p[c, r] = entry
-    return residual, spread
+    gained = -0.5 * (residual * residual / spread + np.log(2.0 * np.pi * spread))
+    return residual, spread, gained
 
 
 @_compiled
 def _read_back(  # type: ignore[no-untyped-def]
     seen, residual, spread, reach, score, information, moved
 ):
-    """Take a reading into score and information; its pull on the rest, and that's weight.
+    """Take a reading into score and information; its pull on the rest, and the weight of it.
 
     What the reading has left of the state is keep = 1 - gain seen^T.
     """
@@ -158,10 +166,8 @@ def forward(  # type: ignore[no-untyped-def]
             k = which[i]
             p[0, 0] += lifts[i]
             _move(move[k, f], begins, columns, noise[k, f], m, p, half, moved)
-            residual, spread, variance = 0.0, np.inf, sd[i] * sd[i]
-            if not (np.isnan(value[i]) or np.isnan(variance)):
-                residual, spread = _read(seen[i, s], value[i], variance, m, p, reach, weak)
-                total[f] -= 0.5 * (residual * residual / spread + np.log(2.0 * np.pi * spread))
+            residual, spread, gained = _read(seen[i, s], value[i], sd[i], m, p, reach, weak)
+            total[f] += gained
             if residuals.size:
                 residuals[f, i], spreads[f, i] = residual, spread
 
@@ -193,11 +199,10 @@ def there_and_back(  # type: ignore[no-untyped-def]
             _move(move[k, f], begins, columns, noise[k, f], m, p, half, moved)
             if rows:
                 means[i], covariances[i] = m, p
-            residual, spread, variance = 0.0, np.inf, sd[i] * sd[i]
-            if not (np.isnan(value[i]) or np.isnan(variance)):
-                residual, spread = _read(seen[i, s], value[i], variance, m, p, reaches[i], weak)
-                total[f] -= 0.5 * (residual * residual / spread + np.log(2.0 * np.pi * spread))
-            residuals[i], spreads[i] = residual, spread
+            residuals[i], spreads[i], gained = _read(
+                seen[i, s], value[i], sd[i], m, p, reaches[i], weak
+            )
+            total[f] += gained
         score[:], information[:] = 0.0, 0.0
         for back in range(count):
             i = count - 1 - back
