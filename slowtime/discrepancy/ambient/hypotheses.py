@@ -173,7 +173,7 @@ def _laws(
     against = bare.log_likelihood + log_joints(place, description)
     return [
         SpectralCandidate(law.effect, law.sds, law.log_evidence - against, fit)
-        for law in fit_laws(equivalents, fit, laws)
+        for law in fit_laws(equivalents, fit.log_likelihood, laws)
     ]
 
 

@@ -34,7 +34,6 @@ from slowtime.dynamics.effects import (
 )
 
 from .equivalents import Equivalents
-from .spectra import AmbientFit
 
 LINEARISATION_ERROR = 0.1
 """[1] Standard deviation of an equivalent of statistical linearisation, over its size and over
@@ -94,8 +93,10 @@ def _depends_on_time(kind: Kind) -> bool:
     )
 
 
-def fit_laws(found: Equivalents, fit: AmbientFit, kinds: Sequence[Kind]) -> list[FittedLaw]:
-    """Fit each law to the equivalents of an element.
+def fit_laws(
+    found: Equivalents, log_likelihood: float, kinds: Sequence[Kind]
+) -> list[FittedLaw]:
+    """Fit each law to equivalents that were free in a fit of this log likelihood.
 
     Returns
     -------
@@ -104,7 +105,7 @@ def fit_laws(found: Equivalents, fit: AmbientFit, kinds: Sequence[Kind]) -> list
     laws = [
         one
         for kind in kinds
-        if (one := _LawFit(found, kind).best(fit.log_likelihood)) is not None
+        if (one := _LawFit(found, kind).best(log_likelihood)) is not None
     ]
     return sorted(laws, key=lambda one: -one.log_evidence)
 
@@ -122,8 +123,7 @@ class _LawFit:
 
     def best(self, log_likelihood: float) -> FittedLaw | None:
         """Return the best fit; None where the law has none."""
-        results = [self._from(start) for start in self._starts()]
-        fits = [one for one in results if one is not None]
+        fits = [self._from(start) for start in self._starts()]
         if not fits:
             return None
         parameters, _ = min(fits, key=lambda one: one[1])
@@ -193,7 +193,7 @@ class _LawFit:
         refused = any(kind.parameter(name).refuses(value) for name, value in scaled.items())
         return None if refused or strength == 0 else scaled
 
-    def _from(self, start: dict[str, float]) -> tuple[dict[str, float], float] | None:
+    def _from(self, start: dict[str, float]) -> tuple[dict[str, float], float]:
         scale = np.array([start[name] if start[name] else 1.0 for name in self.free])
         low = np.array([self.kind.parameter(name).low for name in self.free]) / scale
         high = np.array([self.kind.parameter(name).high for name in self.free]) / scale
@@ -211,7 +211,8 @@ class _LawFit:
                 max_nfev=MAX_EVALUATIONS,
             )
         except ValueError:
-            return None
+            # A force beside one that was tried is not finite: the shape itself has one that is.
+            return start, self._chi2(start)
         return self._named(solved.x * scale, start), float(2 * solved.cost)
 
     def _named(
@@ -228,25 +229,24 @@ class _LawFit:
         )
 
     def _residual(self, parameters: Mapping[str, float]) -> Float[np.ndarray, " equivalent"]:
-        predicted = self._equivalents(parameters)
-        if not np.isfinite(predicted).all():
-            raise ValueError("a force that is not finite")
-        return self._white(predicted - self.found.values)
+        """Return what a law leaves of the equivalents, not finite where its force is not."""
+        return self._white(self._equivalents(parameters) - self.found.values)
 
     def _chi2(self, parameters: Mapping[str, float]) -> float:
-        try:
-            return float(np.sum(self._residual(parameters) ** 2))
-        except ValueError:
-            return math.inf
+        chi2 = float(np.sum(self._residual(parameters) ** 2))
+        return chi2 if math.isfinite(chi2) else math.inf
 
     def _slopes(self, parameters: Mapping[str, float]) -> Float[np.ndarray, "equivalent free"]:
         """Return derivatives of the whitened equivalents."""
         columns = []
         for name in self.free:
             step = DIFFERENCE_STEP * max(abs(parameters[name]), 1e-12)
-            ahead, behind = (
-                self._residual({**parameters, name: parameters[name] + s})
-                for s in (step, -step)
-            )
-            columns.append((ahead - behind) / (2 * step))
+            near = [
+                (at, self._residual({**parameters, name: parameters[name] + at}))
+                for at in (-step, 0.0, step)
+            ]
+            # Beside the last shape whose force is finite there is one on one side only.
+            finite = [(at, left) for at, left in near if np.isfinite(left).all()]
+            (low, behind), (high, ahead) = finite[0], finite[-1]
+            columns.append((ahead - behind) / max(high - low, step))
         return np.stack(columns, axis=1)
