@@ -1,6 +1,7 @@
 """The stages together: cuts change nothing, nothing stops them, a rerun is the same bytes."""
 
 import dataclasses
+import functools
 import itertools
 import logging
 import threading
@@ -118,7 +119,16 @@ def continuous():
 
 STREAM = continuous()
 EPOCHS = [block for epoch in range(3) for block in STRUCTURE.epoch(epoch)]
-WHOLE_STREAM, WHOLE_EPOCHS = through([STREAM]), through(EPOCHS)
+
+
+@functools.cache
+def whole_stream():
+    return through([STREAM])
+
+
+@functools.cache
+def whole_epochs():
+    return through(EPOCHS)
 
 
 def close(one, other):
@@ -136,14 +146,14 @@ def close(one, other):
 @settings(max_examples=12, deadline=None)
 @given(where=st.sets(st.integers(1, 6999), max_size=12))
 def test_cutting_a_stream_anywhere_changes_no_feature(where):
-    close(through(cut(STREAM, where)), WHOLE_STREAM)
+    close(through(cut(STREAM, where)), whole_stream())
 
 
 @pytest.mark.long
 @settings(max_examples=8, deadline=None)
 @given(where=st.sets(st.integers(1, 2999), max_size=8))
 def test_cutting_epochs_anywhere_changes_no_feature(where):
-    close(through(piece for block in EPOCHS for piece in cut(block, where)), WHOLE_EPOCHS)
+    close(through(piece for block in EPOCHS for piece in cut(block, where)), whole_epochs())
 
 
 def test_epochs_become_features_in_order_with_their_truth(tmp_path):
