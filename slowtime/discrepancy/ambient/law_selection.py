@@ -103,9 +103,7 @@ def fit_laws(
     Those that can be fitted, the most probable first.
     """
     laws = [
-        one
-        for kind in kinds
-        if (one := _LawFit(found, kind).best(log_likelihood)) is not None
+        one for kind in kinds if (one := _LawFit(found, kind).best(log_likelihood)) is not None
     ]
     return sorted(laws, key=lambda one: -one.log_evidence)
 

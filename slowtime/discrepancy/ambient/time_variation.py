@@ -58,7 +58,9 @@ def with_time_variation(
     spans = [(part.start_s, part.duration_s) for part in parts]
     found = equivalents_of(problem, fit, place, spans=spans)
     known = {one.effect.kind for one in candidates if one.effect.place == place}
-    laws = fit_laws(found, fit.log_likelihood, [*varying, *(kinds[name] for name in sorted(known))])
+    laws = fit_laws(
+        found, fit.log_likelihood, [*varying, *(kinds[name] for name in sorted(known))]
+    )
     level = max((law.log_evidence for law in laws if law.effect.kind in known), default=None)
     if level is None:
         return tuple(candidates)

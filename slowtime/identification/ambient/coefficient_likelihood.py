@@ -24,7 +24,19 @@ import dataclasses
 import numpy as np
 from jaxtyping import Complex, Float
 
-from .whittle import COLOUR, COLOUR_PRIOR, FLOOR, FLOOR_PRIOR, PosteriorMaximum
+from .whittle import (
+    COLOUR,
+    COLOUR_PRIOR,
+    DAMPING,
+    FLOOR,
+    FLOOR_PRIOR,
+    FREQUENCY,
+    PEAK,
+    PosteriorMaximum,
+)
+
+ROWS, COLUMNS = np.triu_indices(4)
+"""Products of the jumps and leaks of a mode and of its conjugate that are not alike."""
 
 STEP = 0.25
 """Step of the finite differences [standard deviations]."""
@@ -76,27 +88,51 @@ class FourierCoefficients:
         -------
         Log-posterior of each case.
         """
-        seconds = self.duration_s
-        omega0, damping, peak, floor = np.exp(parameters[:, :COLOUR, None]).transpose(1, 0, 2)
-        omega0 = 2 * np.pi * omega0
-        omega = 2 * np.pi * self.frequency_hz
-        ratio = omega / omega0
-        pole = omega0 * (-damping + 1j * np.sqrt(np.maximum(1 - damping**2, 1e-12)))
-        level = np.sqrt(peak) * 2 * damping
-        response = level * (1j * ratio) ** self.derivatives
-        response = response / (1 - ratio**2 + 2j * damping * ratio)
-        response = response * np.exp(0.5 * parameters[:, COLOUR:] * np.log(ratio))
-        residue = level * omega0**2 * (pole / omega0) ** self.derivatives / (2j * pole.imag)
-        own = np.abs(response) ** 2 + floor
-        # Both poles of the pair: the mode and its conjugate jump by d and its conjugate.
-        poles, residues = np.stack([pole, pole.conj()]), np.stack([residue, residue.conj()])
-        kept = np.exp(poles.conj() * seconds)
-        jump = response * (1 - kept) / (np.sqrt(seconds) * (1j * omega + poles.conj()))
-        leak = residues / (1j * omega - poles) / np.sqrt(seconds)
-        return _log_density(self.value, own, jump, leak, _jumps(pole[:, 0], seconds)) - 0.5 * (
+        # Of the cases of a difference few differ in more than levels: only levels are a case's.
+        place: dict[tuple[float, ...], int] = {}
+        rows = parameters[:, [FREQUENCY, DAMPING, COLOUR]].tolist()
+        of_case = np.array([place.setdefault(tuple(row), len(place)) for row in rows])
+        poles = np.array(list(place))
+        response, products, size = self._unit_mode(poles)
+        peak, floor = np.exp(parameters[:, [PEAK, FLOOR]]).T
+        level = peak * (2 * np.exp(parameters[:, DAMPING])) ** 2
+        own = level[:, None] * response[of_case] + floor[:, None]
+        summed = np.empty((len(parameters), products.shape[2]), dtype=complex)
+        for mode, terms in enumerate(products):
+            own_cases = of_case == mode
+            summed[own_cases] = (1 / own[own_cases] @ terms.view(float)).view(complex)
+        height = _log_density(np.abs(self.value) ** 2, own, level, summed, size[of_case])
+        return height - 0.5 * (
             FLOOR_PRIOR * (parameters[:, FLOOR] - self.floor) ** 2
             + COLOUR_PRIOR * parameters[:, COLOUR] ** 2
         )
+
+    def _unit_mode(
+        self, poles: Float[np.ndarray, "mode 3"]
+    ) -> tuple[
+        Float[np.ndarray, "mode frequency"],
+        Complex[np.ndarray, "mode frequency 14"],
+        Complex[np.ndarray, "mode 2 2"],
+    ]:
+        """Density of modes of unit level; products of jumps, leaks, values; sizes of jumps."""
+        seconds, omega = self.duration_s, 2 * np.pi * self.frequency_hz
+        omega0 = 2 * np.pi * np.exp(poles[:, :1])
+        damping, ratio = np.exp(poles[:, 1:2]), omega / omega0
+        pole = omega0 * (-damping + 1j * np.sqrt(np.maximum(1 - damping**2, 1e-12)))
+        response = (1j * ratio) ** self.derivatives * np.exp(0.5 * poles[:, 2:] * np.log(ratio))
+        response = response / (1 - ratio**2 + 2j * damping * ratio)
+        residue = omega0**2 * (pole / omega0) ** self.derivatives / (2j * pole.imag)
+        jumps, leaks = [], []
+        # Both poles of the pair: the mode and its conjugate jump by d and its conjugate.
+        for one, left in ((pole, residue), (pole.conj(), residue.conj())):
+            kept = (1 - np.exp(one.conj() * seconds)) / np.sqrt(seconds)
+            jumps.append(response * (kept / (1j * omega + one.conj())))
+            leaks.append(left / np.sqrt(seconds) / (1j * omega - one))
+        both = np.stack([*jumps, *leaks])
+        against = both.conj()
+        products = np.concatenate([against[ROWS] * both[COLUMNS], against * self.value])
+        products = np.ascontiguousarray(products.transpose(1, 2, 0))
+        return np.abs(response) ** 2, products, _jumps(pole[:, 0], seconds)
 
 
 def _jumps(pole: np.ndarray, seconds: float) -> np.ndarray:
@@ -110,21 +146,24 @@ def _jumps(pole: np.ndarray, seconds: float) -> np.ndarray:
 
 
 def _log_density(
-    value: np.ndarray, own: np.ndarray, jump: np.ndarray, leak: np.ndarray, size: np.ndarray
+    square: np.ndarray, own: np.ndarray, level: np.ndarray, summed: np.ndarray, size: np.ndarray
 ) -> np.ndarray:
-    """Of complex Gaussians with covariance diag(own) + h c* + c h* + c size c*."""
-    both = np.concatenate([jump, leak]).transpose(1, 2, 0)
-    weighted = both.conj().transpose(0, 2, 1) / own[:, None, :]
-    inner = weighted @ both
+    """Of complex Gaussians with covariance diag(own) + level (h c* + c h* + c size c*).
+
+    `summed` are the products of h and c, and those with the values, over `own`.
+    """
+    inner = np.empty((len(own), 4, 4), dtype=complex)
+    inner[:, ROWS, COLUMNS] = level[:, None] * summed[:, :10]
+    inner[:, COLUMNS, ROWS] = inner[:, ROWS, COLUMNS].conj()
     # Inverse of [[0, 1], [1, size]], whose determinant is 1.
     inner[:, :2, :2] -= size
     inner[:, [0, 1], [2, 3]] += 1.0
     inner[:, [2, 3], [0, 1]] += 1.0
-    seen = weighted @ value
+    seen = summed[:, 10:]
     solved = np.linalg.solve(inner, seen[..., None])[..., 0]
-    explained = (seen.conj() * solved).sum(axis=1).real
+    explained = level * (seen.conj() * solved).sum(axis=1).real
     volume = np.abs(np.linalg.det(inner))
-    quadratic = (np.abs(value) ** 2 / own).sum(axis=1) - explained
+    quadratic = (1 / own) @ square - explained
     result = -np.log(own).sum(axis=1) - np.log(volume) - quadratic
     return np.asarray(np.where(np.isfinite(result), result, -np.inf))
 

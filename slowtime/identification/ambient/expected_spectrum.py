@@ -108,6 +108,63 @@ def expected_resonances(
     return np.asarray(density + damping * omega / rate_hz * leaked.real)
 
 
+class PredictedPeriodogram:
+    """Periodogram of an oscillator as `expected_resonance` has it, with slopes in closed form.
+
+    What does not depend on the oscillator is worked out once.
+    """
+
+    def __init__(
+        self,
+        frequency_hz: Float[np.ndarray, " frequency"],
+        rate_hz: float,
+        count: int,
+        derivatives: int,
+    ) -> None:
+        self.square = (2 * np.pi * frequency_hz) ** 2
+        self.turn = np.exp(-2j * np.pi * frequency_hz / rate_hz)
+        self.rate_hz, self.count, self.derivatives = rate_hz, count, derivatives
+
+    def at(
+        self, natural_hz: float, damping_ratio: float
+    ) -> tuple[Float[np.ndarray, " frequency"], Float[np.ndarray, "2 frequency"]]:
+        r"""Give each ordinate, and its derivatives by :math:`\ln f_n` and :math:`\ln \zeta`."""
+        omega, zeta, order = 2 * np.pi * natural_hz, damping_ratio, self.derivatives
+        root = np.sqrt(1 - zeta**2)
+        # In units of omega; both poles of the pair.
+        pole = np.array([-zeta + 1j * root, -zeta - 1j * root])
+        pole_by_zeta = zeta * np.array([-1 - 1j * zeta / root, -1 + 1j * zeta / root])
+        amplitude = 1 + zeta / root * np.array([-1j, 1j])
+        residue = amplitude * (-(pole**2)) ** order
+        residue_by_zeta = residue * (
+            zeta / root**3 * np.array([-1j, 1j]) / amplitude + 2 * order * pole_by_zeta / pole
+        )
+        step = omega / self.rate_hz
+        kept = np.exp(pole * step * self.count)
+        ratio = np.exp(pole * step)[:, None] * self.turn
+        inverse = 1 / (1 - ratio)
+        tail = ratio * inverse * inverse
+        weight = residue * (kept - 1) / self.count
+        # Both the sum's term and what is left of the pole after the record depend on the pole.
+        bent = tail * (1 + ratio) * inverse
+        bend, decay = weight * pole * step, residue * kept * pole * step
+        by_zeta = pole_by_zeta / pole
+        sums = np.stack([
+            weight, decay, weight * residue_by_zeta / residue + decay * by_zeta,
+        ]) @ tail + np.stack([np.zeros(2), bend, bend * by_zeta]) @ bent  # fmt: skip
+        leaked, leaked_by_frequency, leaked_by_zeta = zeta * step * sums.real
+        ratio_square = self.square / omega**2
+        bottom = (1 - ratio_square) ** 2 + 4 * zeta**2 * ratio_square
+        density = 4 * zeta**2 * ratio_square**order / bottom
+        share = 4 * ratio_square / bottom
+        slopes = np.stack([
+            density * (share * (2 * zeta**2 - 1 + ratio_square) - 2 * order)
+            + leaked + leaked_by_frequency,
+            density * (2 - 2 * zeta**2 * share) + leaked + leaked_by_zeta,
+        ])  # fmt: skip
+        return density + leaked, slopes
+
+
 def _leakage(
     exponent: Complex[np.ndarray, "case 1"],
     turn: Complex[np.ndarray, " frequency"],

@@ -14,7 +14,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Bool, Float
 
-from .expected_spectrum import expected_resonance, expected_resonances
+from .expected_spectrum import PredictedPeriodogram, expected_resonances
 
 STEPS = 60
 """Scoring steps, at most."""
@@ -25,6 +25,14 @@ CONVERGED = 1e-3
 NEARLY = 0.05
 """Length of the last scoring step below which a stalled search counts as converged [standard
 deviations]."""
+
+LEAST_CURVATURE = 0.1
+"""[1] Of the expected curvature in any direction, below which what was learnt is forgotten.
+Source: but for far from the top, that of a record is within half and twice that expected."""
+
+LEAST_ANGLE = 1e-6
+"""[1] Cosine of the angle between a step and what its score did beyond what was expected, below
+which nothing is learnt. Source: rounding of the score."""
 
 FLOOR_PRIOR = 1e-2
 """Prior information on ln floor (sd 10): keeps a floor that is not visible at its initial
@@ -76,31 +84,6 @@ class Periodogram:
     def duration_s(self) -> float:
         """Of the record [s]."""
         return self.count / self.rate_hz
-
-    def shape(
-        self, log_frequency: float, log_damping: float
-    ) -> Float[np.ndarray, " frequency"]:
-        """Predict the periodogram for unit peak density.
-
-        Parameters
-        ----------
-        log_frequency
-            Ln f, f in Hz.
-        log_damping
-            Ln zeta.
-
-        Returns
-        -------
-        Expected density of each ordinate.
-        """
-        return expected_resonance(
-            self.frequency_hz,
-            natural_hz=float(np.exp(log_frequency)),
-            damping_ratio=min(float(np.exp(log_damping)), 0.95),
-            rate_hz=self.rate_hz,
-            count=self.count,
-            derivatives=self.derivatives,
-        )
 
     def shapes(
         self, log_frequency: Float[np.ndarray, " case"], log_damping: Float[np.ndarray, " case"]
@@ -185,7 +168,12 @@ def fit_resonance(
     *,
     held: tuple[int, ...] = (),
 ) -> ResonanceFit:
-    """Maximise the Whittle likelihood by Fisher scoring with step halving.
+    """Maximise the Whittle likelihood by Fisher scoring, corrected by what steps teach.
+
+    Where floor, colour and damping say nearly the same, the curvature of a record is up to
+    twice that expected, and plain scoring goes to and fro. What is between them is learnt from
+    the change of the score over each step (a structured secant [1]_, by symmetric updates of
+    rank one).
 
     Parameters
     ----------
@@ -199,39 +187,73 @@ def fit_resonance(
     Returns
     -------
     Parameters, their covariance, and the expected density of each ordinate.
+
+    References
+    ----------
+    .. [1] J. E. Dennis, D. M. Gay and R. E. Welsch, "An adaptive nonlinear least-squares
+       algorithm", ACM TOMS 7 (1981).
     """
-    prior = _prior(start)
+    prior, before = _prior(start), _expected_before(start)
     free = np.array([k not in held for k in range(len(start))])
-    theta, damping = start.copy(), 1e-3
-    expected, slopes = _linearised(data, theta)
-    best = whittle_log_likelihood(data, expected) - _priced(prior, theta, start)
-    left = np.inf
-    for _ in range(STEPS):
-        information = (slopes * data.number) @ slopes.T + np.diag(prior)
+    model = _Model(data)
+
+    def at(theta: np.ndarray) -> _Point:
+        expected, slopes = model.at(theta)
         score = slopes @ (data.number * (data.density / expected - 1.0))
-        score = (score - prior * (theta - _expected_before(start)))[free]
-        within = information[np.ix_(free, free)]
-        scale = np.diag(np.diag(within))
-        step = np.zeros(len(theta))
-        step[free] = np.linalg.solve(within + damping * scale, score)
-        trial = theta + np.clip(step, -1.0, 1.0)
-        left = float(step @ information @ step)
+        return _Point(
+            theta, expected, score - prior * (theta - before),
+            (slopes * data.number) @ slopes.T + np.diag(prior),
+            whittle_log_likelihood(data, expected) - 0.5 * prior @ (theta - before) ** 2,
+        )  # fmt: skip
+
+    here, damping, left = at(start), 1e-3, np.inf
+    beyond, within = np.zeros_like(here.information), np.ix_(free, free)
+    for _ in range(STEPS):
+        added = np.linalg.solve(here.information[within], beyond[within])
+        if 1 + np.linalg.eigvals(added).real.min() < LEAST_CURVATURE:
+            beyond = np.zeros_like(beyond)
+        curvature = here.information + beyond
+        damped = curvature + damping * np.diag(np.diag(curvature))
+        step = np.zeros(len(start))
+        step[free] = np.linalg.solve(damped[within], here.score[free])
+        left = float(step @ here.information @ step)
         if left < CONVERGED**2:
             break
-        if not _possible(data, trial):
+        step = np.clip(step, -1.0, 1.0)
+        if not _possible(data, here.theta + step):
             damping = max(damping, 1e-3) * 8.0
             continue
-        trial_expected = _expected(data, trial)
-        likelihood = whittle_log_likelihood(data, trial_expected) - _priced(prior, trial, start)
-        if likelihood < best - 1e-9 * abs(best):
+        there = at(here.theta + step)
+        beyond = beyond + _learnt(here, there, step, beyond)
+        if not there.height >= here.height - 1e-9 * abs(here.height):
             damping = max(damping, 1e-3) * 8.0
             if damping > 1e9:
                 break
             continue
-        theta, best, damping = trial, likelihood, damping / 8.0
-        expected, slopes = _linearised(data, theta)
-    information = (slopes * data.number) @ slopes.T + np.diag(prior)
-    return ResonanceFit(theta, _inverse(information, free), best, expected, left < NEARLY**2)
+        here, damping = there, damping / 8.0
+    covariance = _inverse(here.information, free)
+    return ResonanceFit(here.theta, covariance, here.height, here.expected, left < NEARLY**2)
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class _Point:
+    """Where a search is: ordinates expected there, score, information and log-posterior."""
+
+    theta: np.ndarray
+    expected: np.ndarray
+    score: np.ndarray
+    information: np.ndarray
+    height: float
+
+
+def _learnt(here: _Point, there: _Point, step: np.ndarray, beyond: np.ndarray) -> np.ndarray:
+    """Update of rank one by which the curvature explains the change of the score."""
+    missing = here.score - there.score - (there.information + beyond) @ step
+    along = float(missing @ step)
+    size = float(np.linalg.norm(missing) * np.linalg.norm(step))
+    if not abs(along) > LEAST_ANGLE * size:
+        return np.zeros_like(beyond)
+    return np.outer(missing, missing) / along
 
 
 def whittle_log_likelihood(
@@ -288,10 +310,6 @@ def _expected_before(start: np.ndarray) -> np.ndarray:
     return np.append(start[:COLOUR], 0.0)[: len(start)]
 
 
-def _priced(prior: np.ndarray, theta: np.ndarray, start: np.ndarray) -> float:
-    return 0.5 * float(prior @ (theta - _expected_before(start)) ** 2)
-
-
 def _inverse(information: np.ndarray, free: Bool[np.ndarray, " parameter"]) -> np.ndarray:
     covariance = np.zeros_like(information)
     covariance[np.ix_(free, free)] = np.linalg.inv(information[np.ix_(free, free)])
@@ -303,37 +321,30 @@ def _possible(data: Periodogram, theta: np.ndarray) -> bool:
     return bool(low < np.exp(theta[0]) < high and -12.0 < theta[1] < np.log(0.9))
 
 
-def _coloured(data: Periodogram, theta: np.ndarray) -> Float[np.ndarray, " frequency"]:
-    """Density of the force relative to that at the resonance."""
-    if len(theta) <= COLOUR:
-        return np.ones(len(data.frequency_hz))
-    return np.asarray(np.exp(theta[COLOUR] * (np.log(data.frequency_hz) - theta[FREQUENCY])))
+class _Model:
+    """Ordinates that parameters predict, and the slopes of their logarithms."""
 
+    def __init__(self, data: Periodogram) -> None:
+        self.resonance = PredictedPeriodogram(
+            data.frequency_hz, data.rate_hz, data.count, data.derivatives
+        )
+        self.log_frequency = np.log(data.frequency_hz)
 
-def _expected(data: Periodogram, theta: np.ndarray) -> np.ndarray:
-    peak, floor = np.exp(theta[[PEAK, FLOOR]])
-    shape = np.maximum(data.shape(theta[FREQUENCY], theta[DAMPING]), 1e-12)
-    return np.asarray(peak * shape * _coloured(data, theta) + floor)
-
-
-def _linearised(data: Periodogram, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Predict ordinates and the slopes of their logarithms, central differences for two."""
-    peak, floor = np.exp(theta[[PEAK, FLOOR]])
-    move_f, move_z = 1e-3 * float(np.exp(theta[DAMPING])), 1e-3
-    shapes = data.shapes(
-        theta[FREQUENCY] + move_f * np.array([0.0, 1.0, -1.0, 0.0, 0.0]),
-        theta[DAMPING] + move_z * np.array([0.0, 0.0, 0.0, 1.0, -1.0]),
-    )
-    force = peak * _coloured(data, theta)
-    resonance = force * np.maximum(shapes[0], 1e-12)
-    expected = resonance + floor
-    slopes = [
-        force * (shapes[1] - shapes[2]) / (2 * move_f),
-        force * (shapes[3] - shapes[4]) / (2 * move_z),
-        resonance,
-        np.full_like(expected, floor),
-    ]
-    if len(theta) > COLOUR:
-        slopes[FREQUENCY] = slopes[FREQUENCY] - theta[COLOUR] * resonance
-        slopes.append(resonance * (np.log(data.frequency_hz) - theta[FREQUENCY]))
-    return expected, np.stack(slopes) / expected
+    def at(
+        self, theta: Float[np.ndarray, " parameter"]
+    ) -> tuple[Float[np.ndarray, " frequency"], Float[np.ndarray, "parameter frequency"]]:
+        frequency, damping, peak, floor = np.exp(theta[:COLOUR]).tolist()
+        shape, moved = self.resonance.at(frequency, min(damping, 0.95))
+        shape = np.maximum(shape, 1e-12)
+        away = self.log_frequency - theta[FREQUENCY]
+        # Density of the force relative to that at the resonance.
+        force = peak * np.exp(theta[COLOUR] * away) if len(theta) > COLOUR else peak
+        resonance = force * shape
+        expected = resonance + floor
+        slopes = np.empty((len(theta), len(expected)))
+        slopes[:PEAK] = force * moved
+        slopes[PEAK], slopes[FLOOR] = resonance, floor
+        if len(theta) > COLOUR:
+            slopes[FREQUENCY] -= theta[COLOUR] * resonance
+            slopes[COLOUR] = resonance * away
+        return expected, slopes / expected
