@@ -201,6 +201,9 @@ def maximise_posterior(
         step = inverse @ slope
         step = step * min(1.0, FARTHEST / np.abs(step).max())
         if float(slope @ step) < CONVERGED:
+            # The expansion knows the top that is so near: no need to look there.
+            theta[free] += step * sd[free]
+            best += float(slope @ step - 0.5 * step @ curvature @ step)
             break
         trial = theta.copy()
         trial[free] += step * sd[free]

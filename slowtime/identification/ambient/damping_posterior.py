@@ -17,7 +17,7 @@ from jaxtyping import Float
 from scipy.special import ndtr, ndtri
 
 from .spline import cubic_spline
-from .whittle import DAMPING, FREQUENCY, PEAK, PosteriorMaximum
+from .whittle import DAMPING, FLOOR, FREQUENCY, PEAK, PosteriorMaximum
 
 STRIDE, WIDENING, MOST_POINTS = 0.6, 1.15, 30
 """Grid of ln zeta: first step [standard deviations], growth of the step per point, and largest
@@ -122,15 +122,19 @@ def _points(
     step = STRIDE * min(float(np.sqrt(top.covariance[DAMPING, DAMPING])), 1.0)
     for sign in (-1.0, 1.0):
         theta, place, stride = points[0].parameters, middle, step
+        # The skirts say how strong the force is, whatever the damping.
+        ahead = np.zeros(len(theta))
+        ahead[PEAK] = -2 * sign
         for _ in range(MOST_POINTS):
             place += sign * stride
             if not np.log(LEAST_DAMPING) <= place <= np.log(MOST_DAMPING):
                 break
-            start = theta.copy()
+            start = theta + stride * ahead
             start[DAMPING] = place
-            # The skirts say how strong the force is, whatever the damping.
-            start[PEAK] -= 2 * sign * stride
             points.append(profile(start))
+            ahead = (points[-1].parameters - theta) / stride
+            # About the floor that a search begins with lies its prior.
+            ahead[FLOOR] = 0.0
             theta = points[-1].parameters
             best = max(best, points[-1].log_posterior)
             if points[-1].log_posterior < best - DROP:
