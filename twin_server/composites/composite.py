@@ -1,6 +1,6 @@
 """The registration of a composite: its members, their gates and their dependence."""
 
-from typing import Annotated, Any, Literal, Self, TypeAlias
+from typing import Annotated, Any, Self, TypeAlias
 
 from pydantic import ConfigDict, Field, model_validator
 
@@ -13,6 +13,7 @@ from slowtime.reliability.trees import (
     parallel,
     series,
 )
+from slowtime_schemas.answers.composites import CompositeKind
 from slowtime_schemas.quantities import AS_STORED, Plain
 from twin_server.orders import Frozen
 from twin_server.registration.thresholds import Positive, Quantity
@@ -141,7 +142,7 @@ class Composite(Frozen):
     )
 
     name: Annotated[str, Field(max_length=100), Plain] = ""
-    kind: Literal["site", "line", "structure"] = "site"
+    kind: CompositeKind = "site"
     members: Annotated[tuple[Id, ...], Field(min_length=1, max_length=MOST_MEMBERS)]
     """Twins, and other composites, by their ids."""
     tree: GateModel | None = None

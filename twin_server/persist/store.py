@@ -9,9 +9,10 @@ import dataclasses
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple, Protocol
 
+from slowtime_schemas.answers.alarms import DeliveryState
 from slowtime_services.ledger import Entry, Link
 from twin_server.events.asset_events import AssetEventRow
-from twin_server.events.deliveries import Acknowledgement, Delivery, State, Tally
+from twin_server.events.deliveries import Acknowledgement, Delivery, Tally
 from twin_server.history.buckets import Buckets
 from twin_server.history.details import Bodies
 from twin_server.history.states import States
@@ -224,7 +225,7 @@ class Store(Protocol):
         *,
         twin: str | None = None,
         receiver: str | None = None,
-        states: Sequence[State] = (),
+        states: Sequence[DeliveryState] = (),
         due_ns: int | None = None,
         limit: int = 100,
     ) -> list[Delivery]:

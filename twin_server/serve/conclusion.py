@@ -5,19 +5,10 @@ The answer is never "no" without data: what nothing new is known of may have fai
 
 import dataclasses
 from collections.abc import Iterator, Sequence
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
+from slowtime_schemas.answers.twins import ConclusionAnswer, FindingKind
 from twin_server.history.states import BEGINNING, MEASURED_BEFORE, sentences
-
-Answer = Literal["act", "watch", "cannot_say", "no"]
-"""Whether anything is wrong, the most urgent answer first."""
-
-Kind = Literal[
-    "limit_passed", "risk_too_high", "repair_due", "inspection_due", "risk_rising",
-    "limit_near", "changed", "unexplained_change", "model_disagrees", "no_readings",
-    "agent_offline", "sensor_silent", "readings_late", "learning", "not_valid", "set_aside",
-]  # fmt: skip
-"""What stands against a structure, or against knowing it; the most urgent first."""
 
 LIKELY = 0.5
 """Probability from which something is more likely than not [1]."""
@@ -35,7 +26,7 @@ class Finding(NamedTuple):
         Details, in a sentence.
     """
 
-    kind: Kind
+    kind: FindingKind
     text: str
 
 
@@ -119,7 +110,7 @@ class Evidence:
     plan: tuple[str, str] | None = None
 
 
-ANSWERS: dict[Kind, Answer] = {
+ANSWERS: dict[FindingKind, ConclusionAnswer] = {
     "limit_passed": "act",
     "risk_too_high": "act",
     "repair_due": "act",
@@ -137,9 +128,9 @@ ANSWERS: dict[Kind, Answer] = {
     "not_valid": "cannot_say",
     "set_aside": "watch",
 }
-"""Answer that each kind of finding gives."""
+"""ConclusionAnswer that each kind of finding gives."""
 
-NEXT: dict[Kind, str] = {
+NEXT: dict[FindingKind, str] = {
     "limit_passed": "Inspect the structure, then acknowledge the alarm.",
     "risk_too_high": "Take the load off, or inspect the structure now.",
     "repair_due": "Repair it: the maintenance plan says why.",
@@ -169,7 +160,7 @@ class Conclusion(NamedTuple):
         The most urgent first; none only where the answer is no.
     """
 
-    answer: Answer
+    answer: ConclusionAnswer
     findings: tuple[Finding, ...]
 
     def to_dict(self) -> dict[str, Any]:
@@ -182,7 +173,7 @@ class Conclusion(NamedTuple):
 
 
 def conclude(known: Evidence) -> Conclusion:
-    """Answer whether anything is wrong with a structure.
+    """ConclusionAnswer whether anything is wrong with a structure.
 
     Examples
     --------
@@ -195,8 +186,8 @@ def conclude(known: Evidence) -> Conclusion:
     order = list(ANSWERS)
     findings = sorted(_findings(known), key=lambda one: order.index(one.kind))
     answers = [ANSWERS[one.kind] for one in findings]
-    urgency: tuple[Answer, ...] = ("act", "watch", "cannot_say")
-    answer: Answer = next((one for one in urgency if one in answers), "no")
+    urgency: tuple[ConclusionAnswer, ...] = ("act", "watch", "cannot_say")
+    answer: ConclusionAnswer = next((one for one in urgency if one in answers), "no")
     findings.sort(key=lambda one: urgency.index(ANSWERS[one.kind]))
     return Conclusion(answer, tuple(findings))
 
@@ -209,7 +200,7 @@ def _findings(known: Evidence) -> Iterator[Finding]:
     if known.reasons is None:
         yield Finding("no_readings", "There are no readings yet.")
     elif reasons := known.reasons & ~MEASURED_BEFORE:
-        kind: Kind = "learning" if reasons & BEGINNING else "not_valid"
+        kind: FindingKind = "learning" if reasons & BEGINNING else "not_valid"
         yield Finding(kind, sentences(reasons)[0])
     if not known.alive:
         yield Finding("agent_offline", "Its sensor agent is offline, so nothing new is known.")

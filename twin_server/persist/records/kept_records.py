@@ -3,9 +3,10 @@
 import contextlib
 from collections.abc import Iterator, Sequence
 
+from slowtime_schemas.answers.alarms import DeliveryState
 from slowtime_services.ledger import Entry, Link
 from twin_server.events.asset_events import AssetEventRow
-from twin_server.events.deliveries import Acknowledgement, Delivery, State, Tally
+from twin_server.events.deliveries import Acknowledgement, Delivery, Tally
 from twin_server.persist.chains.basis import renew
 from twin_server.persist.chains.journal import of_key
 from twin_server.persist.tables import asset_events as asset_events_table
@@ -71,7 +72,7 @@ class SqlRecords(QuarantineTable):
         *,
         twin: str | None = None,
         receiver: str | None = None,
-        states: Sequence[State] = (),
+        states: Sequence[DeliveryState] = (),
         due_ns: int | None = None,
         limit: int = 100,
     ) -> list[Delivery]:

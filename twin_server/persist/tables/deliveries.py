@@ -3,7 +3,8 @@
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from twin_server.events.deliveries import OPEN, Acknowledgement, Delivery, State, Tally
+from slowtime_schemas.answers.alarms import DeliveryState
+from twin_server.events.deliveries import OPEN, Acknowledgement, Delivery, Tally
 
 from .checksums import ACKNOWLEDGEMENTS, DELIVERIES, Table, opened
 from .statements import absent
@@ -38,7 +39,7 @@ def select(
     reader: Any,
     twin: str | None,
     receiver: str | None,
-    states: Sequence[State],
+    states: Sequence[DeliveryState],
     due_ns: int | None,
     limit: int,
 ) -> list[Delivery]:

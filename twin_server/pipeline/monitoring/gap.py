@@ -13,10 +13,11 @@ import multiprocessing
 import signal
 import threading
 from collections.abc import Callable, Mapping
-from typing import Any, Literal
+from typing import Any
 
 from slowtime.discrepancy.records import MIN_SAMPLES
 from slowtime.dynamics.effects import catalogue
+from slowtime_schemas.answers.diagnoses import GapState
 from slowtime_schemas.files.model import ModelFile
 from slowtime_services.bus import BusClosedError, Sample
 from slowtime_services.files import Record
@@ -37,8 +38,6 @@ PATIENCE_S = 120.0
 """Time that one comparison may take [s]; the first one compiles."""
 
 LEARNT = "gap_learnt"
-
-State = Literal["off", "waiting", "learning", "watching", "disagreeing"]
 
 
 @dataclasses.dataclass(slots=True)
@@ -138,7 +137,7 @@ class GapMonitor:
             mind = self._gaps.get(twin_id)
         return mind is not None and mind.usual is not None and mind.disagrees
 
-    def _state(self, registration: Registration | None, mind: _TwinGap | None) -> State:
+    def _state(self, registration: Registration | None, mind: _TwinGap | None) -> GapState:
         if registration is None or not self._settings.every_s or not _comparable(registration):
             return "off"
         if mind is None or not (mind.kept or mind.records or mind.usual):
@@ -383,7 +382,7 @@ def _in_the_background() -> None:
     lower_priority(10)
 
 
-def _sentence(state: State, readings: list[dict[str, Any]]) -> str:
+def _sentence(state: GapState, readings: list[dict[str, Any]]) -> str:
     now = f"{readings[-1]['in_use']:.1%}" if readings else ""
     return {
         "off": "Nothing is compared: the model of this twin lists no inputs, or none is given.",

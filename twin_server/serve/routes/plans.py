@@ -8,13 +8,13 @@ from fastapi import APIRouter, Depends, Query, Request, Response
 from pydantic_core import to_json
 
 from slowtime.decisions.fleet import Candidate, dispatch
+from slowtime_schemas.answers import plans as plan_models
 from twin_server.identity.principals import principal_of
 from twin_server.registration.costs import RepairTerms, months_of
 from twin_server.registration.twin import Registration
 from twin_server.serve.http import problems
 from twin_server.serve.http.compute_queue import ComputeQueue
 from twin_server.serve.knowledge import Knowledge
-from twin_server.serve.models import plans as plan_models
 
 from .twin_path import OfForecast, TwinId
 
