@@ -26,9 +26,9 @@ from .inputs import BoardsInput, LiveInput
 
 if TYPE_CHECKING:
     from slowtime.estimation.virtual import VirtualSettings
-    from slowtime_services.simulate import Simulated
+    from slowtime_services.simulate import EvolvingStructure
 else:
-    Simulated = VirtualSettings = Any
+    EvolvingStructure = VirtualSettings = Any
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -51,11 +51,11 @@ class Origin(Frozen):
     slow_time_unit: PlainText = "s"
 
 
-def _structure(given: Any = None) -> "Simulated":
+def _structure(given: Any = None) -> "EvolvingStructure":
     """Make the structure that is described; an edge beside a sensor imports no simulator."""
-    from slowtime_services.simulate import Simulated, simulated_structure
+    from slowtime_services.simulate import EvolvingStructure, simulated_structure
 
-    if isinstance(given, Simulated):
+    if isinstance(given, EvolvingStructure):
         return given
     try:
         return simulated_structure(given or {})
@@ -72,7 +72,7 @@ class SimulatedInput(Frozen):
     """Samples of a structure that exists in software only."""
 
     kind: Literal["simulated"] = "simulated"
-    structure: Annotated[Simulated, PlainValidator(_structure)] = Field(
+    structure: Annotated[EvolvingStructure, PlainValidator(_structure)] = Field(
         default_factory=_structure
     )
     every_s: NotNegative = 0.5
@@ -133,7 +133,7 @@ Input = Annotated[
 ]
 
 
-class AdmissionSettings(Frozen):
+class BlockAdmissionSettings(Frozen):
     """Which blocks are let in."""
 
     max_ahead_s: Positive = 60.0
@@ -378,7 +378,7 @@ class EdgeSettings(ProcessSettings):
     zenoh: dict[str, Any] = Field(default_factory=dict, repr=False)
     """Further settings of Zenoh, key to value."""
     input: Input = Field(default_factory=SimulatedInput)
-    admission: AdmissionSettings = AdmissionSettings()
+    admission: BlockAdmissionSettings = BlockAdmissionSettings()
     condition: ConditionSettings = ConditionSettings()
     extract: ExtractSettings = ExtractSettings()
     virtual: VirtualStageSettings | None = None

@@ -84,7 +84,7 @@ class Delivery(NamedTuple):
         )
 
 
-class Acknowledgement(NamedTuple):
+class AlarmAcknowledgement(NamedTuple):
     """Acknowledgement of an alarm by a person.
 
     Parameters
@@ -105,7 +105,7 @@ class Acknowledgement(NamedTuple):
     note: str
 
 
-class Tally(NamedTuple):
+class DeliveryTally(NamedTuple):
     """Number of deliveries of a twin to a receiver in one state, and since when."""
 
     twin: str

@@ -23,7 +23,7 @@ from .costs import COSTS_EXAMPLE, DECISION_EXAMPLE, CostTable, Deciding
 from .finite_elements import self_contained
 from .limit_states import EXAMPLE as LIMIT_STATES_EXAMPLE
 from .limit_states import LimitStateSpec, ThresholdState
-from .structure import Model, model_of
+from .structure import ElementModel, model_of
 from .thresholds import Alarm, Forecasting, Limit
 
 MODEL_EXAMPLE: dict[str, Any] = {
@@ -241,7 +241,7 @@ class Registration(Frozen):
                 )
         return self
 
-    def structure(self) -> Model:
+    def structure(self) -> ElementModel:
         """Arrays of the model with its free parameters; for twins of elements only.
 
         Raises
@@ -315,7 +315,7 @@ class Registration(Frozen):
 @functools.lru_cache(maxsize=256)
 def _structure(
     model: str, parameters: tuple[tuple[str, float], ...] | None, prior_sd: float
-) -> Model:
+) -> ElementModel:
     description = description_of(line_model(model, AS_STORED))
     return model_of(
         description, None if parameters is None else dict(parameters), prior_sd=prior_sd

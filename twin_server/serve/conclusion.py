@@ -17,7 +17,7 @@ POSSIBLE = 0.05
 """Probability from which something is mentioned [1]: what the intervals of 95 % leave out."""
 
 
-class Finding(NamedTuple):
+class Concern(NamedTuple):
     """Something that stands against a structure, or against knowing it.
 
     Parameters
@@ -161,7 +161,7 @@ class Conclusion(NamedTuple):
     """
 
     answer: ConclusionAnswer
-    findings: tuple[Finding, ...]
+    findings: tuple[Concern, ...]
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as REST gives it."""
@@ -192,43 +192,43 @@ def conclude(known: Evidence) -> Conclusion:
     return Conclusion(answer, tuple(findings))
 
 
-def _findings(known: Evidence) -> Iterator[Finding]:
+def _findings(known: Evidence) -> Iterator[Concern]:
     """Yield what stands against a structure, and against knowing it."""
     yield from _of_structure(known)
     if known.set_aside:
-        yield Finding("set_aside", f"{known.set_aside} of its messages were set aside.")
+        yield Concern("set_aside", f"{known.set_aside} of its messages were set aside.")
     if known.reasons is None:
-        yield Finding("no_readings", "There are no readings yet.")
+        yield Concern("no_readings", "There are no readings yet.")
     elif reasons := known.reasons & ~MEASURED_BEFORE:
         kind: FindingKind = "learning" if reasons & BEGINNING else "not_valid"
-        yield Finding(kind, sentences(reasons)[0])
+        yield Concern(kind, sentences(reasons)[0])
     if not known.alive:
-        yield Finding("agent_offline", "Its sensor agent is offline, so nothing new is known.")
+        yield Concern("agent_offline", "Its sensor agent is offline, so nothing new is known.")
     elif known.silent_s:
-        yield Finding("sensor_silent", f"Its sensor has sent nothing for {known.silent_s} s.")
+        yield Concern("sensor_silent", f"Its sensor has sent nothing for {known.silent_s} s.")
     elif known.late_s:
-        yield Finding("readings_late", f"Its next reading is {known.late_s} s overdue.")
+        yield Concern("readings_late", f"Its next reading is {known.late_s} s overdue.")
 
 
-def _of_structure(known: Evidence) -> Iterator[Finding]:
+def _of_structure(known: Evidence) -> Iterator[Concern]:
     for text in known.raised:
-        yield Finding("limit_passed", text)
+        yield Concern("limit_passed", text)
     for one in known.failures:
         if one.now > one.accepted:
-            yield Finding("risk_too_high", one.sentence)
+            yield Concern("risk_too_high", one.sentence)
         elif one.reached or one.within >= POSSIBLE:
-            yield Finding("risk_rising", one.sentence)
+            yield Concern("risk_rising", one.sentence)
     if known.plan is not None and known.plan[0] in ("repair", "close", "inspect"):
         act, sentence = known.plan
-        yield Finding("inspection_due" if act == "inspect" else "repair_due", sentence)
+        yield Concern("inspection_due" if act == "inspect" else "repair_due", sentence)
     for limit in known.limits:
         # What is passed already is for the alarm to say, with its certainty.
         if limit.within >= POSSIBLE and limit.already < LIKELY:
-            yield Finding("limit_near", limit.sentence)
+            yield Concern("limit_near", limit.sentence)
     if known.suspects:
-        yield Finding("changed", f"Changed: {', '.join(known.suspects)}.")
+        yield Concern("changed", f"Changed: {', '.join(known.suspects)}.")
     if known.unexplained:
         text = "A change has entered that temperature and load do not explain."
-        yield Finding("unexplained_change", text)
+        yield Concern("unexplained_change", text)
     if known.disagrees:
-        yield Finding("model_disagrees", "Its model disagrees with what the sensors measure.")
+        yield Concern("model_disagrees", "Its model disagrees with what the sensors measure.")

@@ -29,7 +29,7 @@ from slowtime_schemas.answers.twins import RegisteredTwin as Twin
 from slowtime_schemas.answers.twins import State
 
 from .client import Client, Live
-from .history import History
+from .history import TwinHistory
 from .http import AnswerError, UnreachableError
 
 __all__ = [
@@ -48,7 +48,6 @@ __all__ = [
     "FleetPlan",
     "Forecast",
     "ForecastPoint",
-    "History",
     "Live",
     "MaintenancePlan",
     "PlanInformation",
@@ -60,5 +59,6 @@ __all__ = [
     "State",
     "TrackRecord",
     "Twin",
+    "TwinHistory",
     "UnreachableError",
 ]

@@ -20,7 +20,7 @@ from slowtime_schemas.answers.risks import RiskModel
 from slowtime_schemas.answers.twins import RegisteredTwin, State
 from slowtime_schemas.registration_changes import RegistrationChange, RegistrationChanges
 
-from .history import History
+from .history import TwinHistory
 from .http import AnswerError, HttpConnection, UnreachableError
 
 AnyAnswer = TypeVar("AnyAnswer", bound=RestAnswer)
@@ -228,14 +228,14 @@ class Client:
         start: str | None = None,
         end: str | None = None,
         max_points: int | None = None,
-    ) -> History:
+    ) -> TwinHistory:
         """States from `start` to `end`; of too many, a selection with statistics of all.
 
         `bands` of the answer then hold means, extremes and intervals of all of them.
         """
         query = {"start": start, "end": end, "max_points": max_points}
         found = self._ask(HistoryModel, "GET", f"/twins/{twin_id}/history", query)
-        return History(found.points, found.bands)
+        return TwinHistory(found.points, found.bands)
 
     def export(
         self,

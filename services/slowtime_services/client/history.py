@@ -6,7 +6,7 @@ from slowtime_schemas.answers.history import BandsModel
 from slowtime_schemas.answers.twins import State
 
 
-class History(list[State]):
+class TwinHistory(list[State]):
     """States in order: all of a span, or a selection with statistics of all.
 
     Parameters

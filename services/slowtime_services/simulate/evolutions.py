@@ -11,7 +11,7 @@ from slowtime.dynamics.evolution_functions import mass_change, stiffness_change
 from .field_types import Frozen, NotNegative, Positive
 
 
-class Constant(Frozen):
+class Unchanged(Frozen):
     """Nothing changes after a first difference from the structure as built."""
 
     kind: Literal["constant"] = "constant"
@@ -54,7 +54,7 @@ class Linear(Renewable):
         return max(drift, self.limit) if self.rate < 0 else min(drift, abs(self.limit))
 
 
-class Step(Renewable):
+class StepLoss(Renewable):
     """A sudden change, as after a collision."""
 
     kind: Literal["step"] = "step"
@@ -66,7 +66,7 @@ class Step(Renewable):
         return self.change if self.age(slow_time) >= self.at_slow_time else 0.0
 
 
-class Fatigue(Renewable):
+class FatigueLoss(Renewable):
     """Exponential loss with a ripple, eq. 5.12 of the book."""
 
     kind: Literal["fatigue"] = "fatigue"
@@ -99,7 +99,8 @@ class FillingAndEmptying(Frozen):
 
 
 Evolution = Annotated[
-    Constant | Linear | Step | Fatigue | FillingAndEmptying, Field(discriminator="kind")
+    Unchanged | Linear | StepLoss | FatigueLoss | FillingAndEmptying,
+    Field(discriminator="kind"),
 ]
 
 
@@ -108,7 +109,7 @@ def renewals(evolutions: Iterable[Evolution], slow_time: float) -> int | None:
 
     Examples
     --------
-    >>> renewals([Fatigue(renewed_after=1000.0), Constant()], 2500.0)
+    >>> renewals([FatigueLoss(renewed_after=1000.0), Unchanged()], 2500.0)
     2
     """
     renewed = [

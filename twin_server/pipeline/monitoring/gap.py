@@ -24,7 +24,7 @@ from slowtime_services.files import Record
 from slowtime_services.operating_system import lower_priority
 from slowtime_services.plugins.discovery import exception_text
 from slowtime_services.replay import block_of
-from twin_server.diagnose import Piece, part, pieces_of, within
+from twin_server.diagnose import SamplePiece, part, pieces_of, within
 from twin_server.diagnose import gap as measuring
 from twin_server.persist import Store, TwinRow
 from twin_server.pipeline.ingestion.pipeline import Pipeline
@@ -255,7 +255,7 @@ class GapMonitor:
             self._gaps[twin_id] = mind
         return mind
 
-    def _newest(self, twin_id: str, mind: _TwinGap) -> Piece | None:
+    def _newest(self, twin_id: str, mind: _TwinGap) -> SamplePiece | None:
         """Request newer samples, and return the last record that is long enough."""
         seconds = self._settings.seconds
         samples = self._raw_samples(twin_id, seconds)
@@ -362,11 +362,11 @@ def _is_own(model: str) -> bool:
     return bool(used - catalogue().keys())
 
 
-def _end_ns(piece: Piece) -> int:
+def _end_ns(piece: SamplePiece) -> int:
     return (piece.record.start_ns or 0) + round(piece.seconds * 1e9) - 1
 
 
-def _last(piece: Piece, excess: int) -> Piece:
+def _last(piece: SamplePiece, excess: int) -> SamplePiece:
     return part(piece, excess, len(piece.record.samples))
 
 

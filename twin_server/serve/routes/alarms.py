@@ -9,7 +9,7 @@ from pydantic_core import to_json
 
 from slowtime_schemas.answers import alarms as models
 from slowtime_schemas.quantities import Plain
-from twin_server.events.deliveries import Tally
+from twin_server.events.deliveries import DeliveryTally
 from twin_server.events.receivers import ReceiverName
 from twin_server.identity.principals import principal_of
 from twin_server.orders import Frozen
@@ -83,7 +83,7 @@ class AlarmService(Protocol):
         """Return the state of a twin's routes, and its newest deliveries."""
         ...
 
-    def tallies(self) -> Sequence[Tally]:
+    def tallies(self) -> Sequence[DeliveryTally]:
         """Count deliveries by twin, receiver and state."""
         ...
 
