@@ -5,7 +5,6 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
     AwareDatetime,
-    BaseModel,
     ConfigDict,
     FailFast,
     Field,
@@ -15,7 +14,7 @@ from pydantic import (
 
 from slowtime_schemas.answers.diagnoses import DiagnosisState
 from slowtime_schemas.files.model_v2 import AnyLineModel
-from slowtime_schemas.quantities import Plain
+from slowtime_schemas.quantities import Immutable, Plain
 
 Clock = Literal["fast", "slow"]
 Seconds = Annotated[float, Field(gt=0, le=3600, allow_inf_nan=False)]
@@ -29,13 +28,7 @@ _EPOCH = datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
 _MICROSECOND = datetime.timedelta(microseconds=1)
 
 
-class Frozen(BaseModel):
-    """Immutable model that refuses unknown fields."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class FromRecordings(Frozen):
+class FromRecordings(Immutable):
     """Raw samples of the twin in recordings that the server keeps."""
 
     files: Annotated[
@@ -59,14 +52,14 @@ class FromRecordings(Frozen):
         return moment_ns(self.start), moment_ns(self.end)
 
 
-class FromEdge(Frozen):
+class FromEdge(Immutable):
     """Raw samples asked from the edge agent now: the last it has."""
 
     duration_s: Seconds = 30.0
     """Of samples, whatever lies between records; at most what the edge keeps."""
 
 
-class DiagnosisOrder(Frozen):
+class DiagnosisOrder(Immutable):
     """Which samples, or which clock, and how thoroughly.
 
     Examples
@@ -124,7 +117,7 @@ def moment_ns(moment: Moment | None) -> int | None:
     return moment
 
 
-class Adopted(Frozen):
+class Adopted(Immutable):
     """A diagnosis that a twin has adopted, and what is needed to undo that."""
 
     diagnosis: Annotated[int, Field(ge=1)]
@@ -144,7 +137,7 @@ MOST_SAMPLES = 20_000
 """Of one simulation."""
 
 
-class Harmonic(Frozen):
+class Harmonic(Immutable):
     """A cosine that begins at once."""
 
     kind: Literal["harmonic"]
@@ -153,7 +146,7 @@ class Harmonic(Frozen):
     phase_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
 
 
-class Step(Frozen):
+class Step(Immutable):
     """Nothing until `at_s`, then `amplitude` for good."""
 
     kind: Literal["step"]
@@ -161,7 +154,7 @@ class Step(Frozen):
     at_s: Annotated[float, Field(ge=0, le=1e6)] = 0.0
 
 
-class White(Frozen):
+class White(Immutable):
     """Noise, white up to half the sampling rate; which one follows from the seed."""
 
     kind: Literal["white"]
@@ -170,7 +163,7 @@ class White(Frozen):
     ]
 
 
-class Recorded(Frozen):
+class Recorded(Immutable):
     """Samples of a load; it is straight between them."""
 
     kind: Literal["recorded"]
@@ -198,7 +191,7 @@ SIMULATION_EXAMPLES: list[JsonValue] = [
 ]
 
 
-class SimulationOrder(Frozen):
+class SimulationOrder(Immutable):
     """Under which load today's twin is run, from rest."""
 
     model_config = ConfigDict(

@@ -6,14 +6,15 @@ from typing import Literal, NamedTuple
 from pydantic import Field
 
 from slowtime_schemas.files.model_v2 import AnyLineModel
-from twin_server.orders import DiagnosisOrder, Frozen
+from slowtime_schemas.quantities import Immutable
+from twin_server.orders import DiagnosisOrder
 
 TASK, RAW, HISTORY, REPORT, PAGE, AUGMENTED = (
     "task.json", "raw.mcap", "history.npz", "report.json", "report.html", "augmented.yaml",
 )  # fmt: skip
 
 
-class Task(Frozen):
+class Task(Immutable):
     """Task of a diagnosis: data, model and settings.
 
     Parameters

@@ -9,14 +9,14 @@ from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, model_
 
 from slowtime_schemas.files.model import ModelFile
 from slowtime_schemas.files.model_v2 import AnyLineModel, line_model
-from slowtime_schemas.quantities import AS_STORED, Plain
+from slowtime_schemas.quantities import AS_STORED, Immutable, Plain
 from slowtime_services.documents.bounds import document_text
 from slowtime_services.documents.json_documents import read_json
 from slowtime_services.documents.toml_documents import read_toml
 from slowtime_services.models import description_of
 from slowtime_services.reasons import reason_of
 from twin_server.events.receivers import AlarmRoute
-from twin_server.orders import Adopted, Frozen
+from twin_server.orders import Adopted
 from twin_server.registration.nominal import Covariates, Nominal
 
 from .costs import COSTS_EXAMPLE, DECISION_EXAMPLE, CostTable, Deciding
@@ -55,7 +55,7 @@ _OF_ONE_MODE = ("frequency_hz", "damping_ratio", "stiffness_change", "mass_chang
 _EACH = "elements"
 
 
-class Registration(Frozen):
+class Registration(Immutable):
     """One twin: its free parameters, nominal model, and alarms.
 
     Examples

@@ -7,11 +7,12 @@ import numpy as np
 from pydantic import Field
 
 from slowtime.dynamics.evolution_functions import mass_change, stiffness_change
+from slowtime_schemas.quantities import Immutable
 
-from .field_types import Frozen, NotNegative, Positive
+from .field_types import NotNegative, Positive
 
 
-class Unchanged(Frozen):
+class Unchanged(Immutable):
     """Nothing changes after a first difference from the structure as built."""
 
     kind: Literal["constant"] = "constant"
@@ -22,7 +23,7 @@ class Unchanged(Frozen):
         return self.change
 
 
-class Renewable(Frozen):
+class Renewable(Immutable):
     """A structure that ages until a renewal, and then starts again as built."""
 
     renewed_after: Positive | None = None
@@ -85,7 +86,7 @@ class FatigueLoss(Renewable):
         return float(series[0])
 
 
-class FillingAndEmptying(Frozen):
+class FillingAndEmptying(Immutable):
     """Mass that comes and goes in steps, as in a tank or an aircraft, eq. 5.13 of the book."""
 
     kind: Literal["filling"] = "filling"

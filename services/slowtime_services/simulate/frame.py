@@ -15,15 +15,16 @@ from slowtime.dynamics.modes import complex_modes, undamped_modes
 from slowtime.dynamics.simulation import ambient_structure
 from slowtime.dynamics.structure import Square, Structure
 from slowtime.dynamics.transfer import frequency_response
+from slowtime_schemas.quantities import Immutable
 
 from .evolutions import Evolution, Unchanged, renewals
-from .field_types import Frozen, NotNegative, Positive
+from .field_types import NotNegative, Positive
 from .measurement import LASTING, EvolvingStructure, Record
 
 Amounts = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=12)]
 
 
-class Machine(Frozen):
+class Machine(Immutable):
     """A machine that runs on one floor at a steady speed."""
 
     floor: str

@@ -14,9 +14,9 @@ from jaxtyping import Bool, Float
 from pydantic import Field, model_validator
 
 from slowtime.signals.block import Block
-from slowtime_schemas.quantities import RENEWALS
+from slowtime_schemas.quantities import RENEWALS, Immutable
 
-from .field_types import Frozen, NotNegative, Positive
+from .field_types import NotNegative, Positive
 
 ORIGIN_NS = 1_767_225_600_000_000_000
 """2026-01-01 UTC: where a simulator's own time begins unless told otherwise."""
@@ -27,7 +27,7 @@ LASTING = "lasting."
 Record = Float[np.ndarray, "time channel"]
 
 
-class SensorErrors(Frozen):
+class SensorErrors(Immutable):
     """Errors that each accelerometer adds."""
 
     noise: NotNegative = 0.05
@@ -41,7 +41,7 @@ class SensorErrors(Frozen):
     dtype: Literal["<f8", "<f4"] = "<f4"
 
 
-class Temperature(Frozen):
+class Temperature(Immutable):
     """A varying temperature, and its effect on the stiffness."""
 
     mean_c: float = 12.0
@@ -71,7 +71,7 @@ class Temperature(Frozen):
         return self.stiffness_per_c * (celsius - self.mean_c) + steeper * cold
 
 
-class EvolvingStructure(Frozen, abc.ABC):
+class EvolvingStructure(Immutable, abc.ABC):
     """A structure that evolves in slow time and is listened to now and then.
 
     Parameters

@@ -8,11 +8,10 @@ from pydantic import ConfigDict, Field
 from pydantic_core import to_json
 
 from slowtime_schemas.answers import alarms as models
-from slowtime_schemas.quantities import Plain
+from slowtime_schemas.quantities import Immutable, Plain
 from twin_server.events.deliveries import DeliveryTally
 from twin_server.events.receivers import ReceiverName
 from twin_server.identity.principals import principal_of
-from twin_server.orders import Frozen
 from twin_server.registration.twin import Registration
 from twin_server.serve.http import problems
 from twin_server.serve.http.document_route import DocumentRoute
@@ -32,7 +31,7 @@ EventId = Annotated[
 ]
 
 
-class AcknowledgementOrder(Frozen):
+class AcknowledgementOrder(Immutable):
     """Who acknowledges an alarm, with a comment."""
 
     model_config = ConfigDict(
@@ -48,7 +47,7 @@ class AcknowledgementOrder(Frozen):
     note: Annotated[str, Field(max_length=1_000), Plain] = ""
 
 
-class TestAlarmOrder(Frozen):
+class TestAlarmOrder(Immutable):
     """The receiver of a test alarm."""
 
     model_config = ConfigDict(
