@@ -69,8 +69,6 @@ class DiagnosisOrder(Immutable):
     """
 
     model_config = ConfigDict(
-        frozen=True,
-        extra="forbid",
         json_schema_extra={
             "examples": [
                 {"raw": {"duration_s": 60.0}, "holdout_s": 20.0},
@@ -194,9 +192,7 @@ SIMULATION_EXAMPLES: list[JsonValue] = [
 class SimulationOrder(Immutable):
     """Under which load today's twin is run, from rest."""
 
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", json_schema_extra={"examples": SIMULATION_EXAMPLES}
-    )
+    model_config = ConfigDict(json_schema_extra={"examples": SIMULATION_EXAMPLES})
 
     load: Load
     on: Annotated[

@@ -40,9 +40,7 @@ EXAMPLES: list[Any] = [
 class RegistrationChangeOrder(Frozen):
     """New values of some fields of a registration, or a change to be undone."""
 
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", json_schema_extra={"examples": EXAMPLES}
-    )
+    model_config = ConfigDict(json_schema_extra={"examples": EXAMPLES})
 
     after: Annotated[
         Values, Field(description="New value of each field that is changed, as registered.")

@@ -136,9 +136,7 @@ class Composite(Immutable):
     ('lab.a', 'lab.b')
     """
 
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", json_schema_extra={"examples": [EXAMPLE]}
-    )
+    model_config = ConfigDict(json_schema_extra={"examples": [EXAMPLE]})
 
     name: Annotated[str, Field(max_length=100), Plain] = ""
     kind: CompositeKind = "site"

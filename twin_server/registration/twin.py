@@ -65,8 +65,6 @@ class Registration(Immutable):
     """
 
     model_config = ConfigDict(
-        frozen=True,
-        extra="forbid",
         json_schema_extra={
             "examples": [
                 {

@@ -35,9 +35,7 @@ class AcknowledgementOrder(Immutable):
     """Who acknowledges an alarm, with a comment."""
 
     model_config = ConfigDict(
-        frozen=True,
-        extra="forbid",
-        json_schema_extra={"examples": [{"by": "Ann Moreau", "note": "On my way."}]},
+        json_schema_extra={"examples": [{"by": "Ann Moreau", "note": "On my way."}]}
     )
 
     by: Annotated[
@@ -50,11 +48,7 @@ class AcknowledgementOrder(Immutable):
 class TestAlarmOrder(Immutable):
     """The receiver of a test alarm."""
 
-    model_config = ConfigDict(
-        frozen=True,
-        extra="forbid",
-        json_schema_extra={"examples": [{"receiver": "ops"}, {}]},
-    )
+    model_config = ConfigDict(json_schema_extra={"examples": [{"receiver": "ops"}, {}]})
 
     receiver: Annotated[
         ReceiverName | None, Field(description="null for all receivers of the twin's routes.")
