@@ -51,7 +51,7 @@ class StructureLimits:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Measured:
+class Definition:
     """A function or constant, where it stands, and its size."""
 
     size: int
@@ -59,7 +59,7 @@ class Measured:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
-class Structure:
+class PackageStructure:
     """Figures of one package.
 
     Parameters
@@ -81,8 +81,8 @@ class Structure:
     """
 
     modules: dict[str, int]
-    functions: list[Measured]
-    parameters: list[Measured]
+    functions: list[Definition]
+    parameters: list[Definition]
     cycles: list[tuple[str, ...]]
     arrows: int
     floors: int
@@ -102,7 +102,7 @@ class Structure:
         return single / len(self.importers) if self.importers else 0.0
 
 
-def measure(package: str) -> Structure:
+def measure(package: str) -> PackageStructure:
     """Read the source of a package and give its figures.
 
     Parameters
@@ -124,7 +124,7 @@ def measure(package: str) -> Structure:
     leaves = [name for name in own if name not in packages]
     functions = [(f, f"{name}:{f.name}") for name, tree in own.items() for f in _defined(tree)]
     children = _between_children(package, imports)
-    return Structure(
+    return PackageStructure(
         modules={
             holder: sum(leaf.rpartition(".")[0] == holder for leaf in leaves)
             for holder in sorted(packages & own.keys())
@@ -149,7 +149,7 @@ def measure(package: str) -> Structure:
     )
 
 
-def violations(found: Structure, limits: StructureLimits) -> list[str]:
+def violations(found: PackageStructure, limits: StructureLimits) -> list[str]:
     """Give a sentence for every limit that a package exceeds."""
     broken = [
         f"{package} holds {count} modules; at most {limits.modules} are allowed."
@@ -302,8 +302,8 @@ def _parameters(function: Function) -> int:
     return sum(one.arg not in ("self", "cls") for one in every)
 
 
-def _largest(measured: Iterable[tuple[int, str]]) -> list[Measured]:
-    return [Measured(size, where) for size, where in sorted(measured, reverse=True)]
+def _largest(measured: Iterable[tuple[int, str]]) -> list[Definition]:
+    return [Definition(size, where) for size, where in sorted(measured, reverse=True)]
 
 
 def _constants(tree: ast.Module) -> Iterator[tuple[str, bool]]:
@@ -356,7 +356,7 @@ def _is_threshold_class(node: ast.ClassDef) -> bool:
     )
 
 
-def _report(package: str, found: Structure, limits: StructureLimits) -> Iterator[str]:
+def _report(package: str, found: PackageStructure, limits: StructureLimits) -> Iterator[str]:
     yield f"# {package}: {found.lines} lines in {len(found.importers)} modules\n"
     yield f"Modules per package (at most {limits.modules}):"
     yield from (f"  {count:3d}  {name}" for name, count in found.modules.items())

@@ -16,10 +16,10 @@ from slowtime_services.bus import BackgroundBus, Bus, ZenohBus
 from slowtime_services.clock import Clock, SystemClock
 from slowtime_services.credentials import Credentials, options_for
 from slowtime_services.shutdown import ended_by_signals
-from slowtime_services.tracing import Traces, traces_of
+from slowtime_services.tracing import SpanTraces, traces_of
 
-from .acquire import CountingSource, Pacer, Source, check_input, open_source
-from .inputs import Board, BoardsInput
+from .acquire import BlockSource, CountingSource, Pacer, check_input, open_source
+from .inputs import BoardInput, BoardsInput
 from .pipeline import Edge, listen
 from .publish import Publisher, Spool
 from .settings import EdgeSettings, Origin
@@ -45,9 +45,9 @@ def run(
     *,
     bus: Bus | None = None,
     clock: Clock | None = None,
-    source: Source | None = None,
+    source: BlockSource | None = None,
     stop: threading.Event | None = None,
-    traces: Traces | None = None,
+    traces: SpanTraces | None = None,
 ) -> int:
     """Run an edge agent until its input ends or it is stopped.
 
@@ -110,7 +110,7 @@ def _run_boards(
     )
     failed: list[str] = []
 
-    def one(board: Board) -> None:
+    def one(board: BoardInput) -> None:
         try:
             own = {"asset": f"{settings.asset}-{board.name}", "input": board}
             run(settings.model_copy(update=own), bus=bus, clock=clock, stop=stop)
@@ -132,12 +132,12 @@ def _run_boards(
 def _run_boot(
     settings: EdgeSettings,
     boot: str,
-    source: Source,
+    source: BlockSource,
     blocks: Iterator[Block | None],
     bus: Bus,
     clock: Clock,
     stop: threading.Event,
-    traces: Traces | None,
+    traces: SpanTraces | None,
 ) -> Iterator[Block | None] | None:
     """Listen under one boot; give the blocks from where sensor time runs back, if it does."""
     origin = Origin(

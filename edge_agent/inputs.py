@@ -146,7 +146,7 @@ class LiveInput(Frozen):
         return self.password_file.read_text().partition("\n")[0]
 
 
-class Board(LiveInput):
+class BoardInput(LiveInput):
     """One of several boards on a structure."""
 
     name: Name
@@ -156,7 +156,7 @@ class BoardsInput(Frozen):
     """Several live boards on one structure, each with a clock of its own."""
 
     kind: Literal["boards"] = "boards"
-    boards: Annotated[tuple[Board, ...], Field(min_length=2, max_length=64)]
+    boards: Annotated[tuple[BoardInput, ...], Field(min_length=2, max_length=64)]
 
     @model_validator(mode="after")
     def _names_differ(self) -> "BoardsInput":

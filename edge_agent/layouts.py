@@ -72,7 +72,7 @@ class Channel(Frozen):
         return self.sign * self.scale
 
 
-class Counter(Frozen):
+class CounterField(Frozen):
     """A number that the device counts up, by which each lost sample is noticed."""
 
     at: Place = None
@@ -96,15 +96,15 @@ class Stamp(Frozen):
     """Which sample of a message of many it belongs to."""
 
 
-class _Layout(Frozen):
+class _FieldLayout(Frozen):
     """Fields that all layouts share."""
 
     channels: Annotated[tuple[Channel, ...], Field(min_length=1, max_length=4096)]
-    counter: Counter | None = None
+    counter: CounterField | None = None
     stamp: Stamp | None = None
 
     @model_validator(mode="after")
-    def _names_differ(self) -> "_Layout":
+    def _names_differ(self) -> "_FieldLayout":
         names = Tally(channel.name for channel in self.channels)
         twice = sorted(name for name, count in names.items() if count > 1)
         if twice:
@@ -122,7 +122,7 @@ class _Layout(Frozen):
         return tuple(channel.unit for channel in self.channels)
 
 
-class JsonLayout(_Layout):
+class JsonLayout(_FieldLayout):
     """A JSON object a message or a line; a value is one sample, an array a block of them."""
 
     kind: Literal["json"] = "json"
@@ -139,7 +139,7 @@ class JsonLayout(_Layout):
         return self
 
 
-class CsvLayout(_Layout):
+class CsvLayout(_FieldLayout):
     """A line of text a sample: numbers between delimiters."""
 
     kind: Literal["csv"] = "csv"
@@ -186,7 +186,7 @@ class CsvLayout(_Layout):
         return self
 
 
-class PackedLayout(_Layout):
+class PackedLayout(_FieldLayout):
     """Binary frames: [sync] [header] samples [checksum].
 
     The checksum is over header and samples, in the byte order of the frame.

@@ -20,10 +20,10 @@ from slowtime_schemas.raw import RawHeader
 from slowtime_services.clock import Clock
 
 from .acquire import Admission, Refusal
-from .condition import Condition, Marked, Segment
+from .condition import Conditioner, Marked, PendingSegment
 from .extract import Extract, ExtractState
 from .publish import Publisher
-from .settings import AdmissionSettings, Origin, Processing
+from .settings import BlockAdmissionSettings, Origin, Processing
 
 if TYPE_CHECKING:
     from .assess import Assess
@@ -37,7 +37,7 @@ logger = logging.getLogger(__name__)
 class EdgeState:
     """States of the stages."""
 
-    condition: Segment | None
+    condition: PendingSegment | None
     extract: ExtractState
     ready: tuple[Marked, ...] = ()
     """What the last step has conditioned, for stages beside extraction."""
@@ -47,13 +47,13 @@ class EdgeState:
 class Edge:
     """Blocks in, features out: condition and extract as one stage."""
 
-    condition: Condition
+    condition: Conditioner
     extract: Extract
 
     @classmethod
     def of(cls, processing: Processing, origin: Origin) -> "Edge":
         """Make the stages that the settings describe."""
-        return cls(Condition(processing.condition), Extract(processing.extract, origin))
+        return cls(Conditioner(processing.condition), Extract(processing.extract, origin))
 
     def start(self) -> EdgeState:
         """Begin with nothing seen."""
@@ -237,7 +237,7 @@ class SourceRun:
 def listen(
     blocks: Iterator[Block | None],
     edge: Edge,
-    admission: AdmissionSettings,
+    admission: BlockAdmissionSettings,
     publisher: Publisher,
     clock: Clock,
     stop: threading.Event,

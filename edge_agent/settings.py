@@ -8,8 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import (
-    BaseModel,
-    ConfigDict,
     Field,
     PlainValidator,
     ValidationError,
@@ -18,7 +16,7 @@ from pydantic import (
 from pydantic_settings import SettingsConfigDict
 
 from slowtime_schemas.messages import About, TimeBase
-from slowtime_schemas.quantities import AS_STORED, BootId, Name, Plain, PlainText
+from slowtime_schemas.quantities import AS_STORED, BootId, Immutable, Name, Plain, PlainText
 from slowtime_services.configuration import ProcessSettings
 from slowtime_services.virtual_sensors.settings import Asked, PointCurve
 
@@ -26,22 +24,16 @@ from .inputs import BoardsInput, LiveInput
 
 if TYPE_CHECKING:
     from slowtime.estimation.virtual import VirtualSettings
-    from slowtime_services.simulate import Simulated
+    from slowtime_services.simulate import EvolvingStructure
 else:
-    Simulated = VirtualSettings = Any
+    EvolvingStructure = VirtualSettings = Any
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Band = tuple[NotNegative, Positive]
 
 
-class Frozen(BaseModel):
-    """Immutable model that refuses unknown fields."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class Origin(Frozen):
+class Origin(Immutable):
     """Origin of features: site, asset, boot and other fields of all messages of a stream."""
 
     site: Name
@@ -51,11 +43,11 @@ class Origin(Frozen):
     slow_time_unit: PlainText = "s"
 
 
-def _structure(given: Any = None) -> "Simulated":
+def _structure(given: Any = None) -> "EvolvingStructure":
     """Make the structure that is described; an edge beside a sensor imports no simulator."""
-    from slowtime_services.simulate import Simulated, simulated_structure
+    from slowtime_services.simulate import EvolvingStructure, simulated_structure
 
-    if isinstance(given, Simulated):
+    if isinstance(given, EvolvingStructure):
         return given
     try:
         return simulated_structure(given or {})
@@ -68,11 +60,11 @@ def _structure(given: Any = None) -> "Simulated":
         raise ValueError("; ".join(faults)) from error
 
 
-class SimulatedInput(Frozen):
+class SimulatedInput(Immutable):
     """Samples of a structure that exists in software only."""
 
     kind: Literal["simulated"] = "simulated"
-    structure: Annotated[Simulated, PlainValidator(_structure)] = Field(
+    structure: Annotated[EvolvingStructure, PlainValidator(_structure)] = Field(
         default_factory=_structure
     )
     every_s: NotNegative = 0.5
@@ -80,7 +72,7 @@ class SimulatedInput(Frozen):
     first_epoch: Annotated[int, Field(ge=0)] = 0
 
 
-class FileInput(Frozen):
+class FileInput(Immutable):
     """Samples out of a table of measurements: text, NumPy, MATLAB."""
 
     kind: Literal["file"] = "file"
@@ -110,7 +102,7 @@ class FileInput(Frozen):
     """Seconds of the file in one second on the wall; 0 for as fast as possible."""
 
 
-class RecordingInput(Frozen):
+class RecordingInput(Immutable):
     """Raw blocks out of an MCAP recording."""
 
     kind: Literal["recording"] = "recording"
@@ -133,7 +125,7 @@ Input = Annotated[
 ]
 
 
-class AdmissionSettings(Frozen):
+class BlockAdmissionSettings(Immutable):
     """Which blocks are let in."""
 
     max_ahead_s: Positive = 60.0
@@ -144,7 +136,7 @@ class AdmissionSettings(Frozen):
     """How far a block's time may be from what its index and the rate say."""
 
 
-class ConditionSettings(Frozen):
+class ConditionSettings(Immutable):
     """Processing of samples before identification."""
 
     spikes: bool = True
@@ -158,7 +150,7 @@ class ConditionSettings(Frozen):
     decimate: Annotated[int, Field(ge=1, le=1000)] = 1
 
 
-class TrackingSettings(Frozen):
+class TrackingSettings(Immutable):
     """Tracking of modes from window to window."""
 
     confirm: Annotated[int, Field(ge=1)] = 5
@@ -186,7 +178,7 @@ FEWEST_CYCLES = 50
 """Cycles of the lowest frequency that a memory holds, as recursive identification asks."""
 
 
-class ExtractSettings(Frozen):
+class ExtractSettings(Immutable):
     """Identification of frequency, damping and shapes from conditioned samples."""
 
     channels: tuple[str, ...] | None = None
@@ -261,7 +253,7 @@ class ExtractSettings(Frozen):
         return FEWEST_CYCLES / self.memory_s
 
 
-class Processing(Frozen):
+class Processing(Immutable):
     """Everything that decides the features of given blocks; travels in `About`."""
 
     condition: ConditionSettings = ConditionSettings()
@@ -273,7 +265,7 @@ class Processing(Frozen):
         return cls.model_validate(about.settings["processing"], context=AS_STORED)
 
 
-class SpoolSettings(Frozen):
+class SpoolSettings(Immutable):
     """Where features wait until the twin has them for good."""
 
     folder: Path = Path("var/spool")
@@ -285,7 +277,7 @@ class SpoolSettings(Frozen):
     either way."""
 
 
-class PublishSettings(Frozen):
+class PublishSettings(Immutable):
     """Messages that are sent, their intervals, and what is kept for requests."""
 
     raw: Literal["off", "on"] = "off"
@@ -298,7 +290,7 @@ class PublishSettings(Frozen):
     """How long to wait, once the input has ended, for the twin to acknowledge everything."""
 
 
-class VirtualStageSettings(Frozen):
+class VirtualStageSettings(Immutable):
     """Unmeasured quantities, estimated from a model and the accelerations."""
 
     model: Path
@@ -337,7 +329,7 @@ class PointSettings(PointCurve):
     """A virtual output, or a channel that measures stress."""
 
 
-class FatigueSettings(Frozen):
+class FatigueSettings(Immutable):
     """Points at which fatigue is counted, and the interval of its messages."""
 
     points: Annotated[tuple[PointSettings, ...], Field(max_length=256)] = ()
@@ -378,7 +370,7 @@ class EdgeSettings(ProcessSettings):
     zenoh: dict[str, Any] = Field(default_factory=dict, repr=False)
     """Further settings of Zenoh, key to value."""
     input: Input = Field(default_factory=SimulatedInput)
-    admission: AdmissionSettings = AdmissionSettings()
+    admission: BlockAdmissionSettings = BlockAdmissionSettings()
     condition: ConditionSettings = ConditionSettings()
     extract: ExtractSettings = ExtractSettings()
     virtual: VirtualStageSettings | None = None

@@ -69,7 +69,7 @@ LINES: Mapping[str, tuple[str, str]] = {
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Answer:
+class LineResult:
     """What a line came to."""
 
     line: str
@@ -206,7 +206,7 @@ def sample_files(folder: Path) -> None:
     pyarrow.parquet.write_table(pyarrow.table({"x": values}), folder / "a.parquet")
 
 
-def answers(programs: Path, extra: str, verbs: tuple[str, ...]) -> Iterator[Answer]:
+def answers(programs: Path, extra: str, verbs: tuple[str, ...]) -> Iterator[LineResult]:
     """Type the examples of all commands and the lines of single extras in an environment."""
     for verb in verbs:
         endless = verb in ENDLESS_VERBS
@@ -215,7 +215,7 @@ def answers(programs: Path, extra: str, verbs: tuple[str, ...]) -> Iterator[Answ
                 shortened(EXAMPLES[verb]), programs, Path(folder),
                 ENDLESS_S if endless else PATIENCE_S,
             )  # fmt: skip
-        yield Answer(verb, verdict_of(status, said, ended_by_us=endless), _last(said))
+        yield LineResult(verb, verdict_of(status, said, ended_by_us=endless), _last(said))
     for name, (needed, line) in LINES.items():
         with tempfile.TemporaryDirectory() as folder:
             sample_files(Path(folder))
@@ -223,7 +223,7 @@ def answers(programs: Path, extra: str, verbs: tuple[str, ...]) -> Iterator[Answ
         verdict = verdict_of(status, said, ended_by_us=status == 124 or "source" in name)
         if verdict == "names the extra" and needed == extra:
             verdict = "fault"
-        yield Answer(name, verdict, _last(said))
+        yield LineResult(name, verdict, _last(said))
 
 
 def _last(said: str) -> str:

@@ -17,8 +17,8 @@ from slowtime_services.bus import BackgroundBus, Bus, PartialBus, ZenohBus
 from slowtime_services.clock import Clock, SystemClock
 from slowtime_services.credentials import CredentialsError, options_for
 from slowtime_services.shutdown import ended_by_signals
-from slowtime_services.supervision import BEAT_S, Heartbeat, Watch, notify
-from slowtime_services.tracing import NoTelemetryError, Traces, traces_of
+from slowtime_services.supervision import BEAT_S, Heartbeat, WatchReport, notify
+from slowtime_services.tracing import NoTelemetryError, SpanTraces, traces_of
 from twin_server.fairness import Holdings, Processors, usable_processors
 from twin_server.notify import Notifier, WrongReceiverError, senders_of
 from twin_server.persist import (
@@ -58,7 +58,7 @@ from twin_server.serve.access import (
     WrongTokenFileError,
     guarded,
 )
-from twin_server.serve.http.connections import Connections, Limits
+from twin_server.serve.http.connections import ConnectionLimits, Connections
 from twin_server.serve.http.problems import install_unavailable
 from twin_server.serve.http.shutdown import ShutdownAnswer
 from twin_server.serve.request_traces import Traced
@@ -85,7 +85,7 @@ def run(
     stop: threading.Event | None = None,
     ready: Callable[[str], None] | None = None,
     diagnosis: Sequence[str] = DIAGNOSIS,
-    traces: Traces | None = None,
+    traces: SpanTraces | None = None,
     owned: bool | None = None,
 ) -> int:
     """Serve until `stop` is set, or until SIGINT or SIGTERM.
@@ -193,7 +193,7 @@ def _serve(
     stop: threading.Event,
     ready: Callable[[str], None] | None,
     diagnosis: Sequence[str],
-    traces: Traces | None,
+    traces: SpanTraces | None,
     heartbeat: Heartbeat,
 ) -> None:
     senders = senders_of(settings.alarms)
@@ -304,12 +304,12 @@ def _serve(
         pipeline.stop(settings.progress.end_s / 4)
 
 
-def _watch(settings: TwinSettings, grace_s: float, owned: bool) -> Watch | None:
+def _watch(settings: TwinSettings, grace_s: float, owned: bool) -> WatchReport | None:
     """Return what the watcher of this process is told; None where it is not ours to end."""
     if not owned:
         return None
     marked = note_path(settings.database, settings.shards.share)
-    return Watch(silent_s=settings.progress.silent_s, grace_s=grace_s, marked=marked)
+    return WatchReport(silent_s=settings.progress.silent_s, grace_s=grace_s, marked=marked)
 
 
 def _monitor(pipeline: Pipeline, *, end: bool) -> ProgressMonitor:
@@ -389,10 +389,10 @@ def collect_less_often() -> None:
     gc.set_threshold(100_000, 20, 50)
 
 
-def limits_of(settings: TwinSettings) -> Limits:
+def limits_of(settings: TwinSettings) -> ConnectionLimits:
     """Return the limits of connections."""
     serve = settings.serve
-    return Limits(
+    return ConnectionLimits(
         head_s=serve.head_s,
         body_s=serve.body_s,
         slowest_bytes_per_s=serve.slowest_bytes_per_s,

@@ -5,7 +5,6 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
     AwareDatetime,
-    BaseModel,
     ConfigDict,
     FailFast,
     Field,
@@ -13,15 +12,15 @@ from pydantic import (
     model_validator,
 )
 
+from slowtime_schemas.answers.diagnoses import DiagnosisState
 from slowtime_schemas.files.model_v2 import AnyLineModel
-from slowtime_schemas.quantities import Plain
+from slowtime_schemas.quantities import Immutable, Plain
 
 Clock = Literal["fast", "slow"]
-State = Literal["queued", "running", "done", "failed", "cancelled"]
 Seconds = Annotated[float, Field(gt=0, le=3600, allow_inf_nan=False)]
 Moment = Annotated[int, Field(ge=0, lt=2**63)] | AwareDatetime
 
-ENDED: tuple[State, ...] = ("done", "failed", "cancelled")
+ENDED: tuple[DiagnosisState, ...] = ("done", "failed", "cancelled")
 FILES = ("report.json", "report.html", "charts.json", "augmented.yaml")
 """What a diagnosis that is done has to give."""
 
@@ -29,13 +28,7 @@ _EPOCH = datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
 _MICROSECOND = datetime.timedelta(microseconds=1)
 
 
-class Frozen(BaseModel):
-    """Immutable model that refuses unknown fields."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class FromRecordings(Frozen):
+class FromRecordings(Immutable):
     """Raw samples of the twin in recordings that the server keeps."""
 
     files: Annotated[
@@ -59,14 +52,14 @@ class FromRecordings(Frozen):
         return moment_ns(self.start), moment_ns(self.end)
 
 
-class FromEdge(Frozen):
+class FromEdge(Immutable):
     """Raw samples asked from the edge agent now: the last it has."""
 
     duration_s: Seconds = 30.0
     """Of samples, whatever lies between records; at most what the edge keeps."""
 
 
-class DiagnosisOrder(Frozen):
+class DiagnosisOrder(Immutable):
     """Which samples, or which clock, and how thoroughly.
 
     Examples
@@ -76,8 +69,6 @@ class DiagnosisOrder(Frozen):
     """
 
     model_config = ConfigDict(
-        frozen=True,
-        extra="forbid",
         json_schema_extra={
             "examples": [
                 {"raw": {"duration_s": 60.0}, "holdout_s": 20.0},
@@ -124,7 +115,7 @@ def moment_ns(moment: Moment | None) -> int | None:
     return moment
 
 
-class Adopted(Frozen):
+class Adopted(Immutable):
     """A diagnosis that a twin has adopted, and what is needed to undo that."""
 
     diagnosis: Annotated[int, Field(ge=1)]
@@ -144,7 +135,7 @@ MOST_SAMPLES = 20_000
 """Of one simulation."""
 
 
-class Harmonic(Frozen):
+class Harmonic(Immutable):
     """A cosine that begins at once."""
 
     kind: Literal["harmonic"]
@@ -153,7 +144,7 @@ class Harmonic(Frozen):
     phase_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
 
 
-class Step(Frozen):
+class Step(Immutable):
     """Nothing until `at_s`, then `amplitude` for good."""
 
     kind: Literal["step"]
@@ -161,7 +152,7 @@ class Step(Frozen):
     at_s: Annotated[float, Field(ge=0, le=1e6)] = 0.0
 
 
-class White(Frozen):
+class White(Immutable):
     """Noise, white up to half the sampling rate; which one follows from the seed."""
 
     kind: Literal["white"]
@@ -170,7 +161,7 @@ class White(Frozen):
     ]
 
 
-class Recorded(Frozen):
+class Recorded(Immutable):
     """Samples of a load; it is straight between them."""
 
     kind: Literal["recorded"]
@@ -198,12 +189,10 @@ SIMULATION_EXAMPLES: list[JsonValue] = [
 ]
 
 
-class SimulationOrder(Frozen):
+class SimulationOrder(Immutable):
     """Under which load today's twin is run, from rest."""
 
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", json_schema_extra={"examples": SIMULATION_EXAMPLES}
-    )
+    model_config = ConfigDict(json_schema_extra={"examples": SIMULATION_EXAMPLES})
 
     load: Load
     on: Annotated[

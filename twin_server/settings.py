@@ -7,9 +7,10 @@ file named by `config` (TOML or JSON). Units are in the names.
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 from pydantic_settings import SettingsConfigDict
 
+from slowtime_schemas.quantities import Immutable
 from slowtime_services.configuration import ProcessSettings
 from slowtime_services.shards import Share
 
@@ -23,13 +24,7 @@ Count = Annotated[int, Field(ge=1)]
 YEAR_2000_NS = 946_684_800_000_000_000
 
 
-class Frozen(BaseModel):
-    """Immutable model that refuses unknown fields."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class AdmissionSettings(Frozen):
+class AdmissionSettings(Immutable):
     """Which messages are let in."""
 
     max_payload_bytes: Annotated[int, Field(ge=1_024)] = 5 * 2**20
@@ -53,7 +48,7 @@ class AdmissionSettings(Frozen):
     no limit."""
 
 
-class BackfillSettings(Frozen):
+class BackfillSettings(Immutable):
     """Requests for missing features."""
 
     grace_s: NotNegative = 0.25
@@ -74,7 +69,7 @@ class BackfillSettings(Frozen):
     """Bytes of all features of one asset kept out of order: 20,000 of 3 KiB."""
 
 
-class PipelineSettings(Frozen):
+class PipelineSettings(Immutable):
     """Sizes of batches and queues of the pipeline."""
 
     batch_messages: Count = 2_000
@@ -89,7 +84,7 @@ class PipelineSettings(Frozen):
     """A batch with more states than this publishes the latest of each twin only."""
 
 
-class ProgressSettings(Frozen):
+class ProgressSettings(Immutable):
     """Budget of the work on messages, and how long the server may stand still."""
 
     step_s: Positive = 5.0
@@ -113,7 +108,7 @@ class ProgressSettings(Frozen):
     """Of all of them together."""
 
 
-class ServeSettings(Frozen):
+class ServeSettings(Immutable):
     """Limits of requests."""
 
     max_body_bytes: Annotated[int, Field(ge=1_024)] = 65_536
@@ -157,7 +152,7 @@ class ServeSettings(Frozen):
     """Threads that answer what only has to be read."""
 
 
-class DiagnoseSettings(Frozen):
+class DiagnoseSettings(Immutable):
     """Limits of diagnoses, and the samples they may use."""
 
     recordings: Path | None = None
@@ -188,7 +183,7 @@ class DiagnoseSettings(Frozen):
     """How long to wait for the edge's raw samples."""
 
 
-class RecordingSettings(Frozen):
+class RecordingSettings(Immutable):
     """Recordings that are given by REST, into the folder `diagnose.recordings`."""
 
     max_bytes: Annotated[int, Field(ge=1_024)] = 256 * 2**20
@@ -208,7 +203,7 @@ class RecordingSettings(Frozen):
     """How long a replay may take; a speed at which it would take longer is refused."""
 
 
-class GapSettings(Frozen):
+class GapSettings(Immutable):
     """How a model with inputs is compared with incoming samples."""
 
     every_s: NotNegative = 30.0
@@ -224,7 +219,7 @@ class GapSettings(Frozen):
     """Comparisons of a twin kept for the page."""
 
 
-class OpenIdSettings(Frozen):
+class OpenIdSettings(Immutable):
     """An OpenID provider whose JWTs are accepted."""
 
     issuer: Annotated[str, Field(min_length=1)]
@@ -243,14 +238,14 @@ class OpenIdSettings(Frozen):
     leeway_s: Annotated[float, Field(ge=0, le=300)] = 30.0
 
 
-class TlsSettings(Frozen):
+class TlsSettings(Immutable):
     """Encryption of REST and page."""
 
     certificate: Path
     key: Path
 
 
-class AccessSettings(Frozen):
+class AccessSettings(Immutable):
     """Access control and rates. Without `tokens` and `openid`, local callers only."""
 
     tokens: Path | None = None
@@ -279,7 +274,7 @@ class AccessSettings(Frozen):
 HttpUrlText = Annotated[str, Field(pattern=r"^https?://[^/\s]+(/\S*)?$", max_length=2_000)]
 
 
-class LedgerSettings(Frozen):
+class LedgerSettings(Immutable):
     """How accepted rows are signed."""
 
     key: Path | None = None
@@ -308,7 +303,7 @@ class LedgerSettings(Frozen):
     before says so."""
 
 
-class ShardSettings(Frozen):
+class ShardSettings(Immutable):
     """Division of the assets among several processes, each with a history of its own.
 
     Examples

@@ -38,7 +38,7 @@ REACH = 60.0
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Case:
+class OscillatorCase:
     """One oscillator and one record; `snr` as power ratio (see `free_decay`, `ambient`)."""
 
     frequency_hz: float
@@ -55,23 +55,23 @@ class Case:
 
 
 FREE_DECAYS = (
-    Case(10.0, 0.01, 10.0, 1000.0, 10.0),
-    Case(10.0, 0.01, 5.0, 1000.0, 100.0),
-    Case(1.0, 0.05, 12.0, 100.0, 10.0),
-    Case(25.0, 0.002, 10.0, 500.0, 10.0),
-    Case(40.0, 0.02, 2.0, 5000.0, 1000.0),
+    OscillatorCase(10.0, 0.01, 10.0, 1000.0, 10.0),
+    OscillatorCase(10.0, 0.01, 5.0, 1000.0, 100.0),
+    OscillatorCase(1.0, 0.05, 12.0, 100.0, 10.0),
+    OscillatorCase(25.0, 0.002, 10.0, 500.0, 10.0),
+    OscillatorCase(40.0, 0.02, 2.0, 5000.0, 1000.0),
 )
 AMBIENTS = (
-    Case(10.0, 0.01, 30.0, 200.0, 1e4),
-    Case(10.0, 0.01, 60.0, 100.0, 1e3),
-    Case(10.0, 0.05, 60.0, 100.0, 1e3),
-    Case(2.0, 0.02, 300.0, 20.0, 1e3),
-    Case(5.0, 0.005, 300.0, 50.0, 300.0),
-    Case(10.0, 0.02, 300.0, 100.0, 100.0),
+    OscillatorCase(10.0, 0.01, 30.0, 200.0, 1e4),
+    OscillatorCase(10.0, 0.01, 60.0, 100.0, 1e3),
+    OscillatorCase(10.0, 0.05, 60.0, 100.0, 1e3),
+    OscillatorCase(2.0, 0.02, 300.0, 20.0, 1e3),
+    OscillatorCase(5.0, 0.005, 300.0, 50.0, 300.0),
+    OscillatorCase(10.0, 0.02, 300.0, 100.0, 100.0),
 )
 
 
-def free_decay(case: Case, rng: np.random.Generator) -> np.ndarray:
+def free_decay(case: OscillatorCase, rng: np.random.Generator) -> np.ndarray:
     """Draw a unit decay of random phase in white noise; snr = 1 / (2 sigma^2)."""
     omega = 2 * np.pi * case.frequency_hz
     times = np.arange(round(case.duration_s * case.rate_hz)) / case.rate_hz
@@ -81,7 +81,7 @@ def free_decay(case: Case, rng: np.random.Generator) -> np.ndarray:
     return np.asarray(np.exp(-case.damping_ratio * omega * times) * wave + noise)
 
 
-def ambient(case: Case, rng: np.random.Generator) -> np.ndarray:
+def ambient(case: OscillatorCase, rng: np.random.Generator) -> np.ndarray:
     """Acceleration under white force, of unit peak density; snr = peak over floor density."""
     count = round(case.duration_s * case.rate_hz)
     oscillator = Oscillator.from_modal(case.frequency_hz, case.damping_ratio)
@@ -103,8 +103,8 @@ class Score:
 
 
 def score(
-    case: Case,
-    simulate: Callable[[Case, np.random.Generator], np.ndarray],
+    case: OscillatorCase,
+    simulate: Callable[[OscillatorCase, np.random.Generator], np.ndarray],
     identify: Callable[[np.ndarray, float], Identified],
     *,
     runs: int,
@@ -138,7 +138,7 @@ def score(
     )
 
 
-def free_decay_limits(case: Case) -> tuple[float, float]:
+def free_decay_limits(case: OscillatorCase) -> tuple[float, float]:
     """Cramér-Rao bound of f over f, and of ln zeta."""
     omega = 2 * np.pi * case.frequency_hz
     bound = free_decay_bound(
@@ -150,7 +150,7 @@ def free_decay_limits(case: Case) -> tuple[float, float]:
     return bound / omega, bound / omega / case.damping_ratio
 
 
-def ambient_limits(case: Case) -> tuple[float, float]:
+def ambient_limits(case: OscillatorCase) -> tuple[float, float]:
     """Bound with level and floor fitted, over the band that the fit uses."""
     highest = (case.rate_hz / 2 / case.frequency_hz - 1) / case.damping_ratio
     cycles = case.frequency_hz * case.duration_s
@@ -163,7 +163,7 @@ def ambient_limits(case: Case) -> tuple[float, float]:
 
 
 def _row(
-    case: Case, result: Score, limits: tuple[float, float], most: float
+    case: OscillatorCase, result: Score, limits: tuple[float, float], most: float
 ) -> tuple[str, bool]:
     ratios = result.frequency_rmse / limits[0], result.damping_rmse / limits[1]
     covered = result.frequency_coverage, result.damping_coverage

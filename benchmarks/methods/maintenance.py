@@ -71,7 +71,7 @@ def simulated_fleet(seed: int) -> Fleet:
 
 
 @dataclasses.dataclass
-class Account:
+class PolicyAccount:
     """What each row (a policy, or one of its parameters) has paid in a fleet."""
 
     cost: Float[np.ndarray, " row"]
@@ -80,7 +80,7 @@ class Account:
     inspections: Float[np.ndarray, " row"]
 
     @classmethod
-    def of(cls, rows: int) -> "Account":
+    def of(cls, rows: int) -> "PolicyAccount":
         """Begin with nothing paid."""
         return cls(*(np.zeros(rows) for _ in range(4)))
 
@@ -91,7 +91,7 @@ class World:
     def __init__(self, truth: Fleet, rows: int) -> None:
         self.truth, self.month = truth, 0
         self.damage = np.zeros((rows, ASSETS))
-        self.account = Account.of(rows)
+        self.account = PolicyAccount.of(rows)
         prices = truth.costs
         self._prices = prices.failure.mean, prices.repair.mean, prices.inspection.mean
 
@@ -131,7 +131,7 @@ class World:
         self.account.cost += which.sum(axis=1) * price * np.exp(-rate * self.month * STEP)
 
 
-class Filter:
+class PolicyFilter:
     """What the policies with a filter know of a world."""
 
     def __init__(self, truth: Fleet, rows: int) -> None:
@@ -160,9 +160,9 @@ class Filter:
         self.belief = drift.renew(self.belief, which)
 
 
-def under_plan(truth: Fleet) -> Account:
+def under_plan(truth: Fleet) -> PolicyAccount:
     """Let the product decide: `slowtime.decisions.fleet.decide`, month by month."""
-    world, known = World(truth, 1), Filter(truth, 1)
+    world, known = World(truth, 1), PolicyFilter(truth, 1)
     follow: fleet.Continuations | None = None
     for month in range(1, MONTHS + 1):
         pooled = _row(known.take(world.grow(), world.readings()))
@@ -221,7 +221,7 @@ def _decide(
     )
 
 
-def under_intervals(truth: Fleet) -> Account:
+def under_intervals(truth: Fleet) -> PolicyAccount:
     """Repair at fixed intervals, one row each; assets take turns from the start."""
     world = World(truth, len(INTERVALS))
     every = np.array(INTERVALS)[:, None]
@@ -231,9 +231,9 @@ def under_intervals(truth: Fleet) -> Account:
     return world.account
 
 
-def under_levels(truth: Fleet) -> Account:
+def under_levels(truth: Fleet) -> PolicyAccount:
     """Repair at a threshold on the filtered estimate of the damage, one row each."""
-    world, known = World(truth, len(LEVELS) + 1), Filter(truth, len(LEVELS) + 1)
+    world, known = World(truth, len(LEVELS) + 1), PolicyFilter(truth, len(LEVELS) + 1)
     levels = np.array([*LEVELS, UNTUNED])[:, None]
     for _ in range(MONTHS):
         pooled = known.take(world.grow(), world.readings())
@@ -243,10 +243,10 @@ def under_levels(truth: Fleet) -> Account:
     return world.account
 
 
-def under_probabilities(truth: Fleet) -> Account:
+def under_probabilities(truth: Fleet) -> PolicyAccount:
     """Repair at a threshold on the probability to fail within a month, one row each."""
     rows = len(PROBABILITIES)
-    world, known = World(truth, rows), Filter(truth, rows)
+    world, known = World(truth, rows), PolicyFilter(truth, rows)
     limits = np.array(PROBABILITIES)[:, None]
     for _ in range(MONTHS):
         pooled = known.take(world.grow(), world.readings())
@@ -259,19 +259,19 @@ def under_probabilities(truth: Fleet) -> Account:
 
 
 @dataclasses.dataclass
-class Result:
+class FleetResult:
     """Cost and failures of each policy, a row each fleet."""
 
-    plan: Account
-    intervals: Account
-    levels: Account
-    probabilities: Account
+    plan: PolicyAccount
+    intervals: PolicyAccount
+    levels: PolicyAccount
+    probabilities: PolicyAccount
 
 
-def simulate(seed: int) -> Result:
+def simulate(seed: int) -> FleetResult:
     """Run all policies on one fleet."""
     truth = simulated_fleet(seed)
-    return Result(
+    return FleetResult(
         under_plan(truth),
         under_intervals(truth),
         under_levels(truth),
@@ -330,18 +330,18 @@ def main(arguments: list[str] | None = None) -> int:
     return 0 if enough and no_worse else 1
 
 
-def _least(account: Account) -> int:
+def _least(account: PolicyAccount) -> int:
     return int(account.cost.argmin())
 
 
-def _over_all(accounts: list[Account]) -> list[tuple[Account, int]]:
+def _over_all(accounts: list[PolicyAccount]) -> list[tuple[PolicyAccount, int]]:
     """Choose one parameter for all fleets, by relative cost."""
     relative = np.array([one.cost / one.cost.min() for one in accounts]).mean(axis=0)
     return [(one, int(relative.argmin())) for one in accounts]
 
 
 def _line(
-    name: str, rows: list[tuple[Account, int]], plan: Float[np.ndarray, " fleet"]
+    name: str, rows: list[tuple[PolicyAccount, int]], plan: Float[np.ndarray, " fleet"]
 ) -> tuple[float, float, float]:
     cost = np.array([account.cost[row] for account, row in rows])
     counts = [

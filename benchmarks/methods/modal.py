@@ -53,7 +53,7 @@ Read = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Case:
+class ChainCase:
     """Unit masses in a row, every mode damped alike, heard at every mass through noise."""
 
     masses: int
@@ -88,16 +88,16 @@ class Case:
         return np.asarray(motion + self.noise * noise)
 
 
-ACCURACY = Case(3, 4.05, 12.0, 1500.0, 15, (6, 8, 10, 12))
+ACCURACY = ChainCase(3, 4.05, 12.0, 1500.0, 15, (6, 8, 10, 12))
 SPEEDS = (
-    Case(6, 4.5, 12.0, 3000.0, 20, tuple(range(2, 51, 2))),
-    Case(6, 4.5, 12.0, 3000.0, 30, tuple(range(2, 81, 2))),
-    Case(10, 4.5, 12.0, 3000.0, 20, tuple(range(2, 61, 2))),
+    ChainCase(6, 4.5, 12.0, 3000.0, 20, tuple(range(2, 51, 2))),
+    ChainCase(6, 4.5, 12.0, 3000.0, 30, tuple(range(2, 81, 2))),
+    ChainCase(10, 4.5, 12.0, 3000.0, 20, tuple(range(2, 61, 2))),
 )
-STREAM = Case(16, 80.0, 200.0, 600.0, 12, ())
+STREAM = ChainCase(16, 80.0, 200.0, 600.0, 12, ())
 WHOLE = (
-    (Case(3, 40.0, 100.0, 600.0, 0, ()), ((20, 40), (30, 60), (50, 100))),
-    (Case(16, 80.0, 200.0, 600.0, 0, ()), ((20, 60), (30, 80), (50, 100))),
+    (ChainCase(3, 40.0, 100.0, 600.0, 0, ()), ((20, 40), (30, 60), (50, 100))),
+    (ChainCase(16, 80.0, 200.0, 600.0, 0, ()), ((20, 60), (30, 80), (50, 100))),
 )
 """Records of whole identifications; block rows and highest orders of the bare runs beside."""
 
@@ -105,7 +105,7 @@ MOST_OF_BARE = 2.0
 """Most processor time of a whole identification, over that of a bare run [1]."""
 
 
-def ours(case: Case, record: np.ndarray, weighting: Weighting = "both") -> dict[int, Read]:
+def ours(case: ChainCase, record: np.ndarray, weighting: Weighting = "both") -> dict[int, Read]:
     """Read a record by slowtime."""
     poles = ssi_covariance(
         record,
@@ -123,7 +123,7 @@ def ours(case: Case, record: np.ndarray, weighting: Weighting = "both") -> dict[
     }
 
 
-def theirs(case: Case, record: np.ndarray, deviations: bool = True) -> dict[int, Read]:
+def theirs(case: ChainCase, record: np.ndarray, deviations: bool = True) -> dict[int, Read]:
     """Read a record by pyOMA-2, nothing of its poles left out but unstable ones.
 
     Without `deviations`, it computes none, and those that are returned are NaN.
@@ -161,7 +161,7 @@ def theirs(case: Case, record: np.ndarray, deviations: bool = True) -> dict[int,
     return read
 
 
-READERS: dict[str, Callable[[Case, np.ndarray], dict[int, Read]]] = {
+READERS: dict[str, Callable[[ChainCase, np.ndarray], dict[int, Read]]] = {
     "slowtime": ours,
     "plain": functools.partial(ours, weighting="none"),
     "pyOMA-2": theirs,
@@ -169,7 +169,7 @@ READERS: dict[str, Callable[[Case, np.ndarray], dict[int, Read]]] = {
 }
 
 
-def errors(case: Case, read: Read) -> Errors:
+def errors(case: ChainCase, read: Read) -> Errors:
     """Error of each true mode over the law and over what was said; None where it was missed."""
     frequency, damping, sd_f, sd_z = read
     out: Errors = []
@@ -235,7 +235,7 @@ def no_worse(own: Errors, peers: Errors) -> bool:
     return bool((more.mean(axis=0) <= by_chance + 1e-9).all())
 
 
-def seconds_of(name: str, case: Case, record: np.ndarray, times: int = 3) -> float:
+def seconds_of(name: str, case: ChainCase, record: np.ndarray, times: int = 3) -> float:
     """CPU seconds of one reading, the best of some."""
     spent = []
     for _ in range(times):
@@ -245,7 +245,7 @@ def seconds_of(name: str, case: Case, record: np.ndarray, times: int = 3) -> flo
     return min(spent)
 
 
-def peak_of(name: str, case: Case, record: np.ndarray) -> float:
+def peak_of(name: str, case: ChainCase, record: np.ndarray) -> float:
     """Most that the arrays and objects of one reading hold at once [MB]."""
     tracemalloc.start()
     try:
@@ -327,7 +327,7 @@ def whole(seeds: int) -> bool:
     return passed
 
 
-def bare_seconds(case: Case, record: np.ndarray, block_rows: int, highest: int) -> float:
+def bare_seconds(case: ChainCase, record: np.ndarray, block_rows: int, highest: int) -> float:
     """CPU seconds of one bare run of pyOMA-2, the best of three."""
     from pyoma2.algorithms import SSI
     from pyoma2.setup import SingleSetup

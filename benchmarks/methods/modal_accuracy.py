@@ -68,7 +68,7 @@ Run = dict[str, tuple[Found, float]]
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Case:
+class AccuracyCase:
     """One structure, in cycles of its first mode, and how it is heard."""
 
     name: str
@@ -102,15 +102,17 @@ class Case:
         return np.asarray(heard + sd * (NOISE * noise + LINE * np.sqrt(2.0) * waves))
 
 
-def cases() -> tuple[Case, ...]:
+def cases() -> tuple[AccuracyCase, ...]:
     """Structures of the comparison, each with its first mode at 1 Hz."""
     spread = ("m1", "m5", "m8", "m12")
     close, closer = ([1.0, 2.1, 3.3, 3.3 * gap, 4.4, 5.6] for gap in (1.03, 1.01))
     return (
-        Case("3 DOF, separated", _row(3), 12.0, None, 1.9),
-        Case("6 DOF, two 3 % apart", _with_frequencies(close), 16.0, None, 2.7),
-        Case("12 DOF, 4 sensors", _row(12), 40.0, spread, 5.5),
-        Case("6 DOF, two 1 % apart", _with_frequencies(closer), 16.0, None, 2.7, judged=False),
+        AccuracyCase("3 DOF, separated", _row(3), 12.0, None, 1.9),
+        AccuracyCase("6 DOF, two 3 % apart", _with_frequencies(close), 16.0, None, 2.7),
+        AccuracyCase("12 DOF, 4 sensors", _row(12), 40.0, spread, 5.5),
+        AccuracyCase(
+            "6 DOF, two 1 % apart", _with_frequencies(closer), 16.0, None, 2.7, judged=False
+        ),
     )
 
 
@@ -135,7 +137,7 @@ def _damped(structure: Structure) -> Structure:
 
 
 @dataclasses.dataclass(slots=True)
-class Tally:
+class ModeTally:
     """What was found of one case by one method: a row for each run, a column for each mode."""
 
     errors: list[np.ndarray] = dataclasses.field(default_factory=list)
@@ -143,7 +145,7 @@ class Tally:
     strangers: list[int] = dataclasses.field(default_factory=list)
     seconds: float = 0.0
 
-    def add(self, case: Case, found: Found, seconds: float) -> None:
+    def add(self, case: AccuracyCase, found: Found, seconds: float) -> None:
         """Count one run; what is no mode of the structure is a stranger."""
         truth = case.frequencies_hz
         errors = np.full(len(truth), np.nan)
@@ -213,7 +215,7 @@ def _of_order(poles: Poles, order: int) -> Found:
     ]
 
 
-def run(case: Case, seed: int) -> Run:
+def run(case: AccuracyCase, seed: int) -> Run:
     """Read one record by each method."""
     record = case.record(seed)
     found: Run = {}
@@ -238,11 +240,11 @@ def run(case: Case, seed: int) -> Run:
     return found
 
 
-def _orders(case: Case) -> list[int]:
+def _orders(case: AccuracyCase) -> list[int]:
     return [2 * len(case.frequencies_hz) + beyond for beyond in ORDERS_BEYOND]
 
 
-class Kept:
+class KeptRuns:
     """Runs in a file, a line each."""
 
     def __init__(self, path: Path | None) -> None:
@@ -257,7 +259,7 @@ class Kept:
                 for name, (found, seconds) in entry["found"].items()
             }
 
-    def of(self, case: Case, seed: int) -> Run:
+    def of(self, case: AccuracyCase, seed: int) -> Run:
         """One run, from the file where it is there, otherwise made and written."""
         if (case.name, seed) in self.runs:
             return self.runs[case.name, seed]
@@ -273,12 +275,12 @@ class Kept:
         return made
 
 
-def score(case: Case, seeds: range, kept: Kept) -> tuple[dict[str, Tally], int]:
+def score(case: AccuracyCase, seeds: range, kept: KeptRuns) -> tuple[dict[str, ModeTally], int]:
     """Tallies of every method over the same records, and the best order of the subspaces."""
-    tallies: dict[str, Tally] = {}
+    tallies: dict[str, ModeTally] = {}
     for seed in seeds:
         for name, (found, seconds) in kept.of(case, seed).items():
-            tallies.setdefault(name, Tally()).add(case, found, seconds)
+            tallies.setdefault(name, ModeTally()).add(case, found, seconds)
     plain = {order: tallies[f"{SUBSPACES} {order}"] for order in _orders(case)}
     best = min(plain, key=lambda order: (plain[order].missed() > 0.01, plain[order].ratio()))
     return {
@@ -288,7 +290,7 @@ def score(case: Case, seeds: range, kept: Kept) -> tuple[dict[str, Tally], int]:
     }, best
 
 
-def _row_of(name: str, tally: Tally) -> str:
+def _row_of(name: str, tally: ModeTally) -> str:
     of_frequency, of_damping = tally.coverage()
     strangers = "   -" if name == SUBSPACES else f"{100 * tally.false():4.1f}"
     return (
@@ -298,7 +300,7 @@ def _row_of(name: str, tally: Tally) -> str:
     )
 
 
-def _within(name: str, tally: Tally) -> bool:
+def _within(name: str, tally: ModeTally) -> bool:
     of_frequency, of_damping = tally.coverage()
     limit = BAYES_LIMIT if name == BAYES else SSI_LIMIT
     return (
@@ -319,7 +321,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--out", type=Path, help="file of the runs made so far")
     given = parser.parse_args(arguments)
-    kept, seeds = Kept(given.out), range(given.first_seed, given.first_seed + given.runs)
+    kept, seeds = KeptRuns(given.out), range(given.first_seed, given.first_seed + given.runs)
     print(
         f"{given.runs} runs a case. Aims: RMSE of frequency over the law <= {SSI_LIMIT}, Bayes "
         f"{BAYES_LIMIT};\n95 % intervals cover 92-97 % (frequency), 90-98 % (damping); at most "

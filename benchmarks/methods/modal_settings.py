@@ -228,7 +228,7 @@ def run(cell: Cell, simulator: str, seed: int, methods: Sequence[str]) -> dict[s
 
 
 @dataclasses.dataclass(slots=True)
-class Tally:
+class SettingTally:
     """What one method said of some records."""
 
     held: tuple[list[bool], list[bool]] = dataclasses.field(default_factory=lambda: ([], []))
@@ -288,8 +288,8 @@ def tables(rows: dict[tuple[str, str, int], dict[str, Any]]) -> Iterator[str]:
     """Tables in Markdown: of each method, of each value of a factor, and the worst cells."""
     cells = {one.name: one for one in (*main_cells(), *random_cells(10_000))}
 
-    def tally(method: str, where: Any) -> Tally:
-        total = Tally()
+    def tally(method: str, where: Any) -> SettingTally:
+        total = SettingTally()
         for (name, simulator, _), row in rows.items():
             if where(cells[name], simulator) and method in row["modes"]:
                 total.add(cells[name], row["share"], row["modes"][method])

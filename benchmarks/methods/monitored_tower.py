@@ -28,7 +28,7 @@ from slowtime_services.matrices import MatrixModel, describe_reduced, read_matri
 from slowtime_services.models import description_of, model_file_of
 from twin_server.estimate.elements.epochs import track_epochs
 from twin_server.estimate.elements.memory import Memory
-from twin_server.registration.structure import Model, model_of
+from twin_server.registration.structure import ElementModel, model_of
 
 TOWER = Path(__file__).parents[2] / "docs/examples/lattice_tower.yaml"
 
@@ -54,7 +54,7 @@ group is named, alone or among those that cannot be told apart."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Outcome:
+class LossOutcome:
     """What the twin says of one seed after the loss.
 
     Parameters
@@ -89,7 +89,7 @@ class Outcome:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class SensedModes:
+class ChannelModes:
     """Modes at the channels: frequencies [Hz], and one column of each shape."""
 
     frequency_hz: Float[np.ndarray, " mode"]
@@ -97,7 +97,7 @@ class SensedModes:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Monitored:
+class TowerTwin:
     """The full model of the tower, and the reduced one of its twin.
 
     Parameters
@@ -115,7 +115,7 @@ class Monitored:
     """
 
     full: MatrixModel
-    twin: Model
+    twin: ElementModel
     modes: int = MODES
     window_s: float = WINDOW_S
     sampled: bool = False
@@ -128,7 +128,7 @@ class Monitored:
         *,
         modes: int = MODES,
         window_s: float = WINDOW_S,
-    ) -> "Monitored":
+    ) -> "TowerTwin":
         """Read a tower, and reduce it as a registration does.
 
         Parameters
@@ -149,7 +149,7 @@ class Monitored:
         names = dict.fromkeys(full.matrices.names, PRIOR_SD)
         return cls(full, model_of(description_of(file), names), modes, window_s)
 
-    def at(self, theta: Float[np.ndarray, " group"]) -> SensedModes:
+    def at(self, theta: Float[np.ndarray, " group"]) -> ChannelModes:
         """Modes of the full model at the channels.
 
         Parameters
@@ -163,9 +163,9 @@ class Monitored:
         """
         found = lowest_modes(*self.full.matrices.at(theta), self.modes, check=False)
         seen = self.full.matrices.rows(self.full.sensors) @ found.shapes
-        return SensedModes(found.frequency_hz, seen)
+        return ChannelModes(found.frequency_hz, seen)
 
-    def epoch(self, sequence: int, true: SensedModes, rng: np.random.Generator) -> Features:
+    def epoch(self, sequence: int, true: ChannelModes, rng: np.random.Generator) -> Features:
         """Draw the features of one epoch of the full model.
 
         Parameters
@@ -195,7 +195,7 @@ class Monitored:
         )  # fmt: skip
 
     def features(
-        self, whole: SensedModes, softer: SensedModes, later: int, rng: np.random.Generator
+        self, whole: ChannelModes, softer: ChannelModes, later: int, rng: np.random.Generator
     ) -> tuple[list[Features], list[Features]]:
         """Make the features before and after the loss.
 
@@ -221,7 +221,7 @@ class Monitored:
         before = [self.epoch(k, whole, rng) for k in range(LEARN)]
         return before, [self.epoch(LEARN + k, softer, rng) for k in range(later)]
 
-    def run(self, seed: int, later: int = LATER) -> Outcome:
+    def run(self, seed: int, later: int = LATER) -> LossOutcome:
         """Let one group lose stiffness, and see what the twin says.
 
         Parameters
@@ -253,7 +253,7 @@ class Monitored:
         value, sd = reading.changes[:, 0], reading.changes[:, 1]
         misses = (np.log1p(value) - np.log1p(change)) / (sd / (1.0 + value))
         said = tuple(one.word for one in reading.suspects)
-        return Outcome(names[which], said, misses, reading.ratio, seconds)
+        return LossOutcome(names[which], said, misses, reading.ratio, seconds)
 
 
 def frequency_sd(frequency_hz: float, window_s: float = WINDOW_S) -> float:
@@ -298,7 +298,7 @@ def _mode(
     )
 
 
-def show(found: Sequence[Outcome], names: Sequence[str]) -> bool:
+def show(found: Sequence[LossOutcome], names: Sequence[str]) -> bool:
     """Print the figures; return whether they are within what they are held to.
 
     Parameters
@@ -336,7 +336,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seeds", type=int, default=50)
     parser.add_argument("--samples", action="store_true", help="identify from samples")
     given = parser.parse_args(arguments)
-    tower = dataclasses.replace(Monitored.read(), sampled=given.samples)
+    tower = dataclasses.replace(TowerTwin.read(), sampled=given.samples)
     found = [tower.run(seed) for seed in range(given.seeds)]
     return 0 if show(found, tower.twin.free) else 1
 

@@ -50,7 +50,7 @@ Force = Callable[[float, float, Array], float]
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Case:
+class LawCase:
     """A law: as an entry of a model file, and as a function of e, v, z."""
 
     entry: Mapping[str, Any]
@@ -68,18 +68,18 @@ def _yield(e: float, v: float, z: Array) -> float:
 
 
 CASES = (
-    Case({"effect": "cubic_hardening", "k3_n_per_m3": 2e8}, lambda e, v, z: 2e8 * e**3),
-    Case({"effect": "gap_symmetric", "kg_n_per_m": 4000.0, "gap_m": 2e-3}, _gap),
-    Case(
+    LawCase({"effect": "cubic_hardening", "k3_n_per_m3": 2e8}, lambda e, v, z: 2e8 * e**3),
+    LawCase({"effect": "gap_symmetric", "kg_n_per_m": 4000.0, "gap_m": 2e-3}, _gap),
+    LawCase(
         {"effect": "quadratic_damping", "c2_n_s2_per_m2": 90.0},
         lambda e, v, z: 90.0 * abs(v) * v,
     ),
-    Case(
+    LawCase(
         {"effect": "bouc_wen", "kh_n_per_m": 2000.0, "zy_m": 1e-3, "n": 2.0},
         lambda e, v, z: 2000.0 * (z[0] - e),
         memory=_yield,
     ),
-    Case({"effect": "coulomb", "friction_n": 8.0}, lambda e, v, z: 8.0, friction=True),
+    LawCase({"effect": "coulomb", "friction_n": 8.0}, lambda e, v, z: 8.0, friction=True),
 )
 
 
@@ -90,7 +90,7 @@ def pushed() -> Array:
     return np.asarray(40.0 * sps.sosfiltfilt(sections, white))
 
 
-def integrated(case: Case, push: Array, method: Method, rtol: float) -> Array:
+def integrated(case: LawCase, push: Array, method: Method, rtol: float) -> Array:
     """Displacements by `solve_ivp`."""
     tie, atol = TIES[1], 1e-3 * rtol
 
@@ -168,7 +168,7 @@ def timed(work: Callable[[], Array], repeats: int) -> tuple[Array, float]:
     return found, min(spent)
 
 
-def row(case: Case, push: Array) -> tuple[str, bool]:
+def row(case: LawCase, push: Array) -> tuple[str, bool]:
     """One law's line of the table, and whether it is as fast as asked."""
     plant = Plant.of(
         dataclasses.replace(RIG, effects=(dict(case.entry) | {"element": "k2"},)), hold="first"

@@ -28,7 +28,7 @@ MOST_CALLS = 300_000
 
 
 @dataclasses.dataclass(frozen=True)
-class Run:
+class MethodRun:
     """One answer: probability, its coefficient of variation, calls."""
 
     probability: float
@@ -44,10 +44,10 @@ class Run:
         return self.calls * (max(factor, 1e-3) if self.fixed else max(factor, 1.0))
 
 
-Peer = Callable[[Known, int], Run]
+Peer = Callable[[Known, int], MethodRun]
 
 
-class _Counted:
+class _CountedLimitState:
     """The limit state in standard normal space, for peers that want lists."""
 
     def __init__(self, known: Known) -> None:
@@ -60,10 +60,10 @@ class _Counted:
         return np.asarray(problem.limit_state(problem.physical(points)))
 
 
-def _event(known: Known) -> tuple[Any, _Counted]:
+def _event(known: Known) -> tuple[Any, _CountedLimitState]:
     import openturns as ot
 
-    counted = _Counted(known)
+    counted = _CountedLimitState(known)
 
     class Function(ot.OpenTURNSPythonFunction):  # type: ignore[misc]  # the peer has no types
         def __init__(self) -> None:
@@ -80,7 +80,7 @@ def _event(known: Known) -> tuple[Any, _Counted]:
     return ot.ThresholdEvent(output, ot.LessOrEqual(), 0.0), counted
 
 
-def openturns_importance(known: Known, seed: int) -> Run:
+def openturns_importance(known: Known, seed: int) -> MethodRun:
     """FORM from the origin, then importance sampling about its design point."""
     import openturns as ot
 
@@ -99,7 +99,7 @@ def openturns_importance(known: Known, seed: int) -> Run:
     return _simulated(sampling, counted, 100)
 
 
-def openturns_directional(known: Known, seed: int) -> Run:
+def openturns_directional(known: Known, seed: int) -> MethodRun:
     """Directional sampling, random directions, medium-safe root finding."""
     import openturns as ot
 
@@ -109,16 +109,18 @@ def openturns_directional(known: Known, seed: int) -> Run:
     return _simulated(sampling, counted, 10)
 
 
-def _simulated(sampling: Any, counted: _Counted, block: int) -> Run:
+def _simulated(sampling: Any, counted: _CountedLimitState, block: int) -> MethodRun:
     sampling.setBlockSize(block)
     sampling.setMaximumOuterSampling(MOST_CALLS // block)
     sampling.setMaximumCoefficientOfVariation(TARGET)
     sampling.run()
     found = sampling.getResult()
-    return Run(found.getProbabilityEstimate(), found.getCoefficientOfVariation(), counted.calls)
+    return MethodRun(
+        found.getProbabilityEstimate(), found.getCoefficientOfVariation(), counted.calls
+    )
 
 
-def openturns_subset(known: Known, seed: int) -> Run:
+def openturns_subset(known: Known, seed: int) -> MethodRun:
     """Subset sampling with 2,000 points a level; one run, at the variation it states."""
     import openturns as ot
 
@@ -129,12 +131,12 @@ def openturns_subset(known: Known, seed: int) -> Run:
     sampling.setMaximumOuterSampling(20)
     sampling.run()
     found = sampling.getResult()
-    return Run(
+    return MethodRun(
         found.getProbabilityEstimate(), found.getCoefficientOfVariation(), counted.calls, True
     )
 
 
-def _pystra(known: Known, counted: _Counted) -> tuple[Any, Any, Any]:
+def _pystra(known: Known, counted: _CountedLimitState) -> tuple[Any, Any, Any]:
     import pystra
 
     options = pystra.AnalysisOptions()
@@ -165,33 +167,35 @@ def _with_names(g: Callable[..., Any], names: list[str]) -> Callable[..., Any]:
     return named
 
 
-def pystra_importance(known: Known, seed: int) -> Run:
+def pystra_importance(known: Known, seed: int) -> MethodRun:
     """FORM, then importance sampling about its design point; 2,000 points."""
     import pystra
 
     np.random.seed(seed)  # noqa: NPY002  # the peer draws from the global generator
-    counted = _Counted(known)
+    counted = _CountedLimitState(known)
     options, model, limit_state = _pystra(known, counted)
     options.setSamples(2000)
     sampling = pystra.ImportanceSampling(
         analysis_options=options, stochastic_model=model, limit_state=limit_state
     )
     sampling.run()
-    return Run(float(sampling.Pf), float(np.ravel(sampling.cov_q_bar)[-1]), counted.calls, True)
+    return MethodRun(
+        float(sampling.Pf), float(np.ravel(sampling.cov_q_bar)[-1]), counted.calls, True
+    )
 
 
-def pystra_subset(known: Known, seed: int) -> Run:
+def pystra_subset(known: Known, seed: int) -> MethodRun:
     """Subset simulation with its defaults; one run, at the variation it states."""
     import pystra
 
     np.random.seed(seed)  # noqa: NPY002  # the peer draws from the global generator
-    counted = _Counted(known)
+    counted = _CountedLimitState(known)
     options, model, limit_state = _pystra(known, counted)
     sampling = pystra.SubsetSimulation(
         analysis_options=options, stochastic_model=model, limit_state=limit_state
     )
     sampling.run()
-    return Run(float(sampling.Pf), float(sampling.cov), counted.calls, True)
+    return MethodRun(float(sampling.Pf), float(sampling.cov), counted.calls, True)
 
 
 PEERS: dict[str, dict[str, Peer]] = {
@@ -207,9 +211,9 @@ PEERS: dict[str, dict[str, Peer]] = {
 def ours(method: str) -> Peer:
     """One of our methods, asked for the target."""
 
-    def run(known: Known, seed: int) -> Run:
+    def run(known: Known, seed: int) -> MethodRun:
         found = estimate(known.problem, method, variation=TARGET, seed=seed, calls=MOST_CALLS)
-        return Run(found.probability, found.variation or np.inf, found.calls)
+        return MethodRun(found.probability, found.variation or np.inf, found.calls)
 
     return run
 

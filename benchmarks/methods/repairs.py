@@ -17,7 +17,7 @@ import numpy as np
 
 from slowtime.evolution.events.known_events import NOMINAL_SD, KnownEvent, Repair
 from slowtime.evolution.forecasting import continuation, forecast
-from twin_server.estimate import ChangeDetector, DetectedChange
+from twin_server.estimate import DetectedChange, Detector
 from twin_server.pipeline.monitoring.model_changes import restores
 
 EPOCHS, REPAIRED = 125, 60
@@ -111,7 +111,7 @@ def foretold(
 
 def watched(one: Life) -> list[tuple[float, DetectedChange]]:
     """Find what the watch notices, and at which slow time."""
-    series, found = ChangeDetector(FALSE_ALARMS), []
+    series, found = Detector(FALSE_ALARMS), []
     for time, value in zip(one.time.tolist(), one.value.tolist(), strict=True):
         noticed = series.take(time, value, SD)
         if noticed is not None:
@@ -166,7 +166,7 @@ def sudden_although_told(law: str, histories: int) -> int:
     for number in range(histories):
         for share, share_sd in KINDS.values():
             one = life(law, share, share_sd, number)
-            series = ChangeDetector(FALSE_ALARMS, (REPAIRED - 1.0,))
+            series = Detector(FALSE_ALARMS, (REPAIRED - 1.0,))
             for time, value in zip(one.time.tolist(), one.value.tolist(), strict=True):
                 count += series.take(time, value, SD) is not None
     return count

@@ -16,7 +16,7 @@ from edge_agent.extract.reader import Memory, Window
 from edge_agent.settings import ExtractSettings
 from slowtime_schemas.messages import Features, Quality
 
-from .monitored_tower import DAMPING_RATIO, START_NS, Monitored, SensedModes
+from .monitored_tower import DAMPING_RATIO, START_NS, ChannelModes, TowerTwin
 
 NOISE = 0.01
 """Of each channel, over its own motion [1]."""
@@ -40,11 +40,11 @@ class SampledTower:
         Number of the next window.
     """
 
-    tower: Monitored
+    tower: TowerTwin
     memory: Memory = dataclasses.field(default_factory=Memory)
     sequence: int = 0
 
-    def epoch(self, true: SensedModes, rng: np.random.Generator) -> Features:
+    def epoch(self, true: ChannelModes, rng: np.random.Generator) -> Features:
         """Simulate a window, identify its modes, and make the message of an agent.
 
         Parameters
@@ -74,7 +74,7 @@ class SampledTower:
 
 
 def accelerations(
-    true: SensedModes, seconds: float, rate_hz: float, rng: np.random.Generator
+    true: ChannelModes, seconds: float, rate_hz: float, rng: np.random.Generator
 ) -> Float[np.ndarray, "time channel"]:
     """Simulate modes under white forces of equal strength, with noise in each channel.
 

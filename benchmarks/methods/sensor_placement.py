@@ -50,7 +50,7 @@ BEYOND = 6
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Candidates:
+class SensorCandidates:
     """The tower, and every place where a sensor can be.
 
     Parameters
@@ -74,7 +74,7 @@ class Candidates:
     modes: int
 
     @classmethod
-    def read(cls, modes: int, path: Path = TOWER) -> "Candidates":
+    def read(cls, modes: int, path: Path = TOWER) -> "SensorCandidates":
         """Read and reduce the tower, of which as many modes will be measured."""
         full = read_matrix_model(path)
         dofs, expansion = full.matrices.dofs, full.matrices.expansion
@@ -147,7 +147,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--modes", type=int, default=4)
     parser.add_argument("--criterion", choices=get_args(Criterion), default="determinant")
     given = parser.parse_args(arguments)
-    tower = Candidates.read(given.modes)
+    tower = SensorCandidates.read(given.modes)
     sets = [tower.placed(given.sensors, given.criterion), tower.spread(given.sensors)]
     found = np.array(
         [tower.errors(seed, *(one.sites for one in sets)) for seed in range(given.seeds)]

@@ -22,15 +22,15 @@ from typing import Any
 import numpy as np
 
 from slowtime import surrogate
-from slowtime.surrogate.problems import PROBLEMS, Problem, ishigami_sobol
+from slowtime.surrogate.problems import PROBLEMS, BoxProblem, ishigami_sobol
 
 SIZES = (50, 200)
 TESTS = 2000
 Predict = Callable[[np.ndarray], np.ndarray]
-Method = Callable[[Problem, np.ndarray, np.ndarray], Predict]
+Method = Callable[[BoxProblem, np.ndarray, np.ndarray], Predict]
 
 
-def ours() -> dict[str, Callable[[Problem], surrogate.Surrogate]]:
+def ours() -> dict[str, Callable[[BoxProblem], surrogate.Surrogate]]:
     """Our surrogates by name, told no more than the peers: the laws of the inputs."""
     return {
         "polynomial chaos": lambda p: surrogate.PolynomialChaos(marginals=p.marginals),
@@ -51,7 +51,7 @@ def ours() -> dict[str, Callable[[Problem], surrogate.Surrogate]]:
     }
 
 
-def unit(problem: Problem, x: np.ndarray) -> np.ndarray:
+def unit(problem: BoxProblem, x: np.ndarray) -> np.ndarray:
     """Scale inputs to the unit cube, as the peers are given them."""
     return np.asarray((x - problem.lo) / (problem.hi - problem.lo))
 
@@ -59,7 +59,7 @@ def unit(problem: Problem, x: np.ndarray) -> np.ndarray:
 def sklearn_process(smoothness: float) -> Method:
     """scikit-learn's process, a length per input, three searches."""
 
-    def fit(problem: Problem, x: np.ndarray, y: np.ndarray) -> Predict:
+    def fit(problem: BoxProblem, x: np.ndarray, y: np.ndarray) -> Predict:
         from sklearn.gaussian_process import GaussianProcessRegressor
         from sklearn.gaussian_process.kernels import ConstantKernel, Matern, WhiteKernel
 
@@ -74,7 +74,7 @@ def sklearn_process(smoothness: float) -> Method:
     return fit
 
 
-def sklearn_support(problem: Problem, x: np.ndarray, y: np.ndarray) -> Predict:
+def sklearn_support(problem: BoxProblem, x: np.ndarray, y: np.ndarray) -> Predict:
     """scikit-learn's support vectors after a grid search."""
     from sklearn.compose import TransformedTargetRegressor
     from sklearn.model_selection import GridSearchCV
@@ -91,7 +91,7 @@ def sklearn_support(problem: Problem, x: np.ndarray, y: np.ndarray) -> Predict:
     return lambda new: np.asarray(search.predict(scale.transform(new)))
 
 
-def chaospy_expansion(problem: Problem, x: np.ndarray, y: np.ndarray) -> Predict:
+def chaospy_expansion(problem: BoxProblem, x: np.ndarray, y: np.ndarray) -> Predict:
     """Chaospy's expansion: least squares, or LARS where it has more terms; degree by folds."""
     import chaospy
     from sklearn.linear_model import LarsCV
@@ -122,7 +122,7 @@ def chaospy_expansion(problem: Problem, x: np.ndarray, y: np.ndarray) -> Predict
     return lambda new: np.asarray(np.asarray(expansion(*new.T)).T @ coefficients)
 
 
-def openturns_expansion(problem: Problem, x: np.ndarray, y: np.ndarray) -> Predict:
+def openturns_expansion(problem: BoxProblem, x: np.ndarray, y: np.ndarray) -> Predict:
     """OpenTURNS' sparse expansion: LARS with corrected leave-one-out, degree by folds."""
     import openturns as ot
     from sklearn.model_selection import KFold
@@ -164,7 +164,7 @@ def openturns_expansion(problem: Problem, x: np.ndarray, y: np.ndarray) -> Predi
 def openturns_process(smoothness: float) -> Method:
     """OpenTURNS' kriging, a length per input, the likeliest of three searches."""
 
-    def fit(problem: Problem, x: np.ndarray, y: np.ndarray) -> Predict:
+    def fit(problem: BoxProblem, x: np.ndarray, y: np.ndarray) -> Predict:
         import openturns as ot
 
         inputs = x.shape[1]
@@ -209,7 +209,7 @@ PEERS: dict[str, tuple[str, Method]] = {
 
 
 @dataclasses.dataclass(slots=True)
-class Tally:
+class Scores:
     """What one method did on one problem and size, design by design."""
 
     errors: list[float] = dataclasses.field(default_factory=list)
@@ -219,7 +219,7 @@ class Tally:
     """Designs on which it erred by more than half the spread and neither warned nor knew."""
 
 
-Table = dict[tuple[str, int], dict[str, Tally]]
+Table = dict[tuple[str, int], dict[str, Scores]]
 
 
 def measure(table: Table, seed: int) -> None:
@@ -231,15 +231,15 @@ def measure(table: Table, seed: int) -> None:
         for own, make in ours().items():
             # That corners of the cube lie off a design is no news here.
             one = make(problem).set_params(extrapolation="ignore")
-            _ours(cell.setdefault(own, Tally()), one, x, y, new, truth)
+            _ours(cell.setdefault(own, Scores()), one, x, y, new, truth)
         for peer, (needs, method) in PEERS.items():
             if importlib.util.find_spec(needs) is not None:
-                _theirs(cell.setdefault(peer, Tally()), method, problem, x, y, new, truth)
+                _theirs(cell.setdefault(peer, Scores()), method, problem, x, y, new, truth)
         print(f"design {seed + 1}: {name}, {size} points", flush=True)
 
 
 def _ours(
-    tally: Tally,
+    tally: Scores,
     one: surrogate.Surrogate,
     x: np.ndarray,
     y: np.ndarray,
@@ -261,9 +261,9 @@ def _ours(
 
 
 def _theirs(
-    tally: Tally,
+    tally: Scores,
     method: Method,
-    problem: Problem,
+    problem: BoxProblem,
     x: np.ndarray,
     y: np.ndarray,
     new: np.ndarray,

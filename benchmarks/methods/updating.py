@@ -57,7 +57,7 @@ Parameters = Float[np.ndarray, " spring"]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Problem:
+class UpdatingProblem:
     """The chain, what was measured of it, and where.
 
     Parameters
@@ -72,7 +72,7 @@ class Problem:
     sites: np.ndarray
 
     @classmethod
-    def drawn(cls, seed: int) -> "Problem":
+    def drawn(cls, seed: int) -> "UpdatingProblem":
         """Draw a chain from the prior, and its modes with errors."""
         random = np.random.default_rng(seed)
         theta = PRIOR_SD * random.standard_normal(SPRINGS)
@@ -140,7 +140,7 @@ def _batch_error(values: np.ndarray) -> np.ndarray:
 
 
 def sample_by_uqpy(
-    problem: Problem,
+    problem: UpdatingProblem,
     start: Parameters,
     covariance: Float[np.ndarray, "spring spring"],
     steps: int,
@@ -168,7 +168,7 @@ def sample_by_uqpy(
         from UQpy.distributions import MultivariateNormal
         from UQpy.sampling.mcmc import MetropolisHastings
 
-    class Walk(MultivariateNormal):  # type: ignore[misc]  # UQpy has no types
+    class ProposalWalk(MultivariateNormal):  # type: ignore[misc]  # UQpy has no types
         """Steps that are drawn without a factorisation of their covariance at each."""
 
         def rvs(
@@ -188,7 +188,7 @@ def sample_by_uqpy(
     walk = MetropolisHastings(
         log_pdf_target=log_density,
         seed=[[0.0] * SPRINGS],
-        proposal=Walk(mean=[0.0] * SPRINGS),
+        proposal=ProposalWalk(mean=[0.0] * SPRINGS),
         proposal_is_symmetric=True,
         burn_length=steps // 10,
         random_state=seed,
@@ -204,7 +204,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--steps", type=int, default=100_000)
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args(arguments)
-    problem, structure = Problem.drawn(given.seed), chain(SPRINGS)
+    problem, structure = UpdatingProblem.drawn(given.seed), chain(SPRINGS)
     begin = time.process_time()
     ours = estimate(structure, problem.data, PRIOR_SD, starts=0)
     own = time.process_time() - begin

@@ -18,7 +18,7 @@ import timeit
 from slowtime_schemas.messages import Features, Mode, Quality
 from slowtime_schemas.quantities import Quantity
 from twin_server.estimate import Checkpoint, Twin, estimate
-from twin_server.estimate.checkpoint import Belief, NominalInUse
+from twin_server.estimate.checkpoint import NominalInUse, SteadyFlag
 from twin_server.registration.twin import Registration
 
 CHECKPOINT_US = 20.0
@@ -75,7 +75,7 @@ def checkpoints() -> dict[str, Checkpoint]:
     epochs = tuple((3.0 + i / 7, 1e-3 + i / 7e6, 0.02 + i / 7e5, 1e-3) for i in range(30))
     used = NominalInUse(3.0123456, 0.001234, 0.0212345, 0.0312345)
     return {
-        "in use": dataclasses.replace(begun, known=used, raised=(Belief(False),) * 2),
+        "in use": dataclasses.replace(begun, known=used, raised=(SteadyFlag(False),) * 2),
         "learning from 30 epochs": dataclasses.replace(begun, learning=epochs),
     }
 

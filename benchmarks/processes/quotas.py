@@ -53,7 +53,7 @@ PATIENCE_S = 600.0
 V1 = "/api/v1"
 
 
-class Answer(NamedTuple):
+class HttpAnswer(NamedTuple):
     """What a request was answered with."""
 
     status: int
@@ -74,7 +74,7 @@ class Site:
         self.statuses = Counter[int]()
         self._number = 0
 
-    async def ask(self, method: str, path: str, body: bytes = b"") -> Answer:
+    async def ask(self, method: str, path: str, body: bytes = b"") -> HttpAnswer:
         """Send a request, and wait for the whole answer."""
         reader, writer = await asyncio.open_connection("127.0.0.1", self._port)
         try:
@@ -86,7 +86,7 @@ class Site:
                 length = int(value) if key.lower() == b"content-length" else length
             told = await (reader.read() if length is None else reader.readexactly(length))
             self.statuses[status] += 1
-            return Answer(status, told)
+            return HttpAnswer(status, told)
         finally:
             writer.close()
 
@@ -118,7 +118,7 @@ class Site:
 
     # The work, whether it is timed or only keeps the server busy.
 
-    async def upload(self) -> Answer:
+    async def upload(self) -> HttpAnswer:
         """Give a recording, and delete it."""
         self._number += 1
         name = f"upload-{self._number}.mcap"
@@ -127,7 +127,7 @@ class Site:
             await self.ask("DELETE", f"{V1}/recordings/{name}")
         return given
 
-    async def replay(self) -> Answer:
+    async def replay(self) -> HttpAnswer:
         """Replay a recording as fast as the twins take it in, and wait for its end."""
         path = f"{V1}/recordings/long.mcap/replay"
         answer = await self.ask("POST", path, b"{}")
@@ -139,13 +139,13 @@ class Site:
             answer = await self.ask("GET", f"{V1}/recordings")
         return answer
 
-    async def forecast(self) -> Answer:
+    async def forecast(self) -> HttpAnswer:
         """Ask for a forecast as of a moment of which nothing has been learnt yet."""
         self._number += 1
         at = HISTORY - 1 - self._number % (HISTORY // 2) - self._number * 1e-4
         return await self.ask("GET", f"{self.twin}/forecast?points=100&at=slow:{at}")
 
-    async def diagnosis(self) -> Answer:
+    async def diagnosis(self) -> HttpAnswer:
         """Order a diagnosis of the history, and wait for its end."""
         answer = await self.ask("POST", f"{self.twin}/diagnoses", b'{"clock":"slow"}')
         while answer.status in (200, 202):
@@ -156,14 +156,14 @@ class Site:
             answer = await self.ask("GET", f"{self.twin}/diagnoses/{told['number']}")
         return answer
 
-    async def simulation(self) -> Answer:
+    async def simulation(self) -> HttpAnswer:
         """Order a simulation of nearly the largest size."""
         self._number += 1
         load = {"kind": "white", "psd": 1e-3}
         order = {"load": load, "rate_hz": 100.0, "duration_s": 190.0, "seed": self._number}
         return await self.ask("POST", f"{self.twin}/simulate", json.dumps(order).encode())
 
-    async def export(self) -> Answer:
+    async def export(self) -> HttpAnswer:
         """Fetch the whole history as a table."""
         return await self.ask("GET", f"{self.twin}/history/export")
 
@@ -190,7 +190,7 @@ class Site:
             while True:
                 with contextlib.suppress(OSError, ValueError, IndexError, KeyError, EOFError):
                     answer = await work()
-                    if not isinstance(answer, Answer) or answer.status < 400:
+                    if not isinstance(answer, HttpAnswer) or answer.status < 400:
                         continue
                 await asyncio.sleep(AGAIN_S)
 
@@ -203,7 +203,7 @@ class Site:
         )
 
 
-WORK: dict[str, Callable[[Site], Awaitable[Answer]]] = {
+WORK: dict[str, Callable[[Site], Awaitable[HttpAnswer]]] = {
     "upload": Site.upload,
     "replay": Site.replay,
     "forecast": Site.forecast,
@@ -337,7 +337,7 @@ def timed(site: Site, work: str) -> float:
     return took_s
 
 
-async def _done(site: Site, work: str) -> Answer:
+async def _done(site: Site, work: str) -> HttpAnswer:
     return await WORK[work](site)
 
 

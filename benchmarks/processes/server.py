@@ -128,7 +128,7 @@ def _lengthen(store: SqliteStore, twin_id: str, readings: int) -> None:
         store.write(WriteBatch(runs=[told], features=features))
 
 
-class Client:
+class KeptConnection:
     """One connection that stays."""
 
     def __init__(self, url: str) -> None:
@@ -159,7 +159,7 @@ class Client:
         return time.perf_counter() - began_s, answer.status
 
 
-def compare(client: Client, readings: int) -> int:
+def compare(client: KeptConnection, readings: int) -> int:
     """Ask for long and short histories in turn; print ratios."""
     wrong = 0
     paths = {
@@ -260,11 +260,11 @@ def call(url: str, what: str, callers: int, seconds: float, told: Any) -> None:
     told.put(dict(answers))
 
 
-class Watch:
+class HealthWatch:
     """Asks for /healthz, and sends features, until it is over."""
 
     def __init__(self, url: str, senders: Senders) -> None:
-        self._client, self._senders = Client(url), senders
+        self._client, self._senders = KeptConnection(url), senders
         self._over = threading.Event()
         self.took_s: list[float] = []
         self.failed = 0
@@ -272,7 +272,7 @@ class Watch:
             threading.Thread(target=work, daemon=True) for work in (self._ask, self._send)
         ]
 
-    def __enter__(self) -> "Watch":
+    def __enter__(self) -> "HealthWatch":
         for thread in self._threads:
             thread.start()
         return self
@@ -313,7 +313,7 @@ def resident(pid: int) -> int:
 def besiege(given: argparse.Namespace, url: str, pid: int, senders: Senders) -> int:
     """Let many ask for what takes long; print what the others feel of it."""
     wrong = 0
-    client = Client(url)
+    client = KeptConnection(url)
     context = multiprocessing.get_context("spawn")
     everyday = [
         f"/api/v1/twins/{SHORTEST}/history?max_points={POINTS}",
@@ -334,7 +334,7 @@ def besiege(given: argparse.Namespace, url: str, pid: int, senders: Senders) -> 
     for what in (None, *bodies()):
         answers: dict[int, int] = {}
         most = 0
-        with Watch(url, senders) as watch:
+        with HealthWatch(url, senders) as watch:
             if what is None:
                 time.sleep(given.seconds)
             else:
@@ -365,7 +365,7 @@ def besiege(given: argparse.Namespace, url: str, pid: int, senders: Senders) -> 
     return wrong
 
 
-def _half_open(url: str, client: Client, paths: list[str]) -> int:
+def _half_open(url: str, client: KeptConnection, paths: list[str]) -> int:
     """Open `HALF_OPEN` connections from one address and say half a line on each."""
     at = urlsplit(url)
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
@@ -376,7 +376,7 @@ def _half_open(url: str, client: Client, paths: list[str]) -> int:
                 socket.create_connection((at.hostname or "", at.port or 0), timeout=60)
             )
             one.sendall(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX-")
-        times = [Client(url).took_s(path) for path in paths for _ in range(5)]
+        times = [KeptConnection(url).took_s(path) for path in paths for _ in range(5)]
     served = sum(status == 200 for _, status in times)
     slowest = max(took for took, _ in times)
     print(
@@ -396,7 +396,7 @@ def measure(given: argparse.Namespace, folder: Path) -> int:
         f"{given.readings:,} readings written in {time.monotonic() - began_s:.0f} s", flush=True
     )
     with running(database) as (url, pid, endpoint):
-        wrong = compare(Client(url), given.readings)
+        wrong = compare(KeptConnection(url), given.readings)
         with ZenohBus("client", [endpoint], open_timeout_s=30.0) as bus:
             senders = Senders(bus, 4, 2)
             wrong += besiege(given, url, pid, senders)

@@ -8,7 +8,7 @@ import numpy as np
 
 from .pictures import draw
 from .running import BLACK_BOX, KNOWN, SINDY, SLOWTIME
-from .scores import DIVERGED, NOMINAL, REFITTED, Outcome, Row, outcomes
+from .scores import DIVERGED, NOMINAL, REFITTED, Row, ScoredSet, outcomes
 from .sets import SETS
 
 COLUMNS = (NOMINAL, REFITTED, SLOWTIME.title, SINDY.title, BLACK_BOX.title, KNOWN.title)
@@ -67,7 +67,7 @@ def write_page(page: Path, out: Path, skipped: Mapping[str, str]) -> None:
     page.write_text(page_text(found, skipped, pictures.name), encoding="utf-8")
 
 
-def page_text(found: Sequence[Outcome], skipped: Mapping[str, str], pictures: str) -> str:
+def page_text(found: Sequence[ScoredSet], skipped: Mapping[str, str], pictures: str) -> str:
     """Return the page as Markdown."""
     parts = [HEAD, summary(found), tally(found)]
     done = {outcome.one.name for outcome in found}
@@ -79,7 +79,7 @@ def page_text(found: Sequence[Outcome], skipped: Mapping[str, str], pictures: st
     return "\n".join(parts)
 
 
-def summary(found: Sequence[Outcome]) -> str:
+def summary(found: Sequence[ScoredSet]) -> str:
     """Return the table of all sets."""
     lines = [
         "## Summary",
@@ -101,7 +101,7 @@ def summary(found: Sequence[Outcome]) -> str:
     return "\n".join([*lines, ""])
 
 
-def tally(found: Sequence[Outcome]) -> str:
+def tally(found: Sequence[ScoredSet]) -> str:
     """State in how many sets the answer is the known one, and where other tools do better."""
     exact = [o for o in found if o.verdict == "as known"]
     among = [o for o in found if o.verdict.startswith("undecided, the known")]
@@ -119,7 +119,7 @@ def tally(found: Sequence[Outcome]) -> str:
     return words + "\n"
 
 
-def section(outcome: Outcome, pictures: str) -> str:
+def section(outcome: ScoredSet, pictures: str) -> str:
     """Return the section of the page on one set."""
     one = outcome.one
     lines = [
@@ -158,7 +158,7 @@ def _line(row: Row) -> str:
     return f"| {row.name} | {percent(row.error)} | {seconds} | {words} |"
 
 
-def _error(outcome: Outcome, name: str) -> float | None:
+def _error(outcome: ScoredSet, name: str) -> float | None:
     row = outcome.row(name)
     return None if row is None else row.error
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from .pieces import Array
 from .running import BLACK_BOX, SINDY, SLOWTIME
-from .scores import REFITTED, Outcome
+from .scores import REFITTED, ScoredSet
 
 MEASURED = "#5b6770"
 COLOURS = {
@@ -23,7 +23,7 @@ INCHES, DPI = (8.0, 3.6), 80
 """[inch], [1/inch] Size of a picture; 20 to 50 kB. Source: a choice."""
 
 
-def draw(outcome: Outcome, path: Path) -> None:
+def draw(outcome: ScoredSet, path: Path) -> None:
     """Draw the first record held out, the channel that moves most, and what is left of it."""
     import matplotlib as mpl
 

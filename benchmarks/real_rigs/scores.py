@@ -49,7 +49,7 @@ class Row:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Outcome:
+class ScoredSet:
     """One set with all its contestants; `measured` [time, channel] follows the records."""
 
     one: RealSet
@@ -104,7 +104,7 @@ def relative_error(measured: Array, run: Array) -> float:
     return float(np.mean(left / np.std(measured, axis=0)))
 
 
-def outcome_of(one: RealSet, folder: Path) -> Outcome | None:
+def outcome_of(one: RealSet, folder: Path) -> ScoredSet | None:
     """Collect what the contestants answered on a set; None where none was run."""
     rows: list[Row] = []
     facts: dict[str, Any] = {"sentence": "", "verdict": "not run", "command": ""}
@@ -126,7 +126,7 @@ def outcome_of(one: RealSet, folder: Path) -> Outcome | None:
             rows.append(_peer_row(contestant, folder, told, runs))
     if not rows or grid is None:
         return None
-    return Outcome(
+    return ScoredSet(
         one=one,
         rows=tuple(rows),
         measured=grid["measured"],
@@ -228,7 +228,7 @@ def _families(kinds: set[str]) -> set[str]:
     return {known[kind].family for kind in kinds if kind in known}
 
 
-def outcomes(out: Path) -> list[Outcome]:
+def outcomes(out: Path) -> list[ScoredSet]:
     """Collect every set that was run, in the order of the table."""
     found = (outcome_of(one, out / one.name) for one in SETS)
     return [one for one in found if one is not None]

@@ -18,7 +18,7 @@ import numpy as np
 import yaml
 from playwright.sync_api import Browser, expect, sync_playwright
 
-from benchmarks.methods.monitored_tower import LEARN, PRIOR_SD, TOWER, Monitored
+from benchmarks.methods.monitored_tower import LEARN, PRIOR_SD, TOWER, TowerTwin
 from slowtime_schemas.codec import encode
 from slowtime_schemas.streams import FEATURES
 from slowtime_services.bus import MemoryBus
@@ -63,7 +63,7 @@ def main() -> None:
 
 def _feed(bus: MemoryBus, url: str) -> None:
     """Register the tower, and let it be heard until the braces have been named."""
-    tower = Monitored.read()
+    tower = TowerTwin.read()
     names = list(tower.twin.free)
     body = {
         "name": "Lattice tower",

@@ -10,7 +10,7 @@ no scheme reads is a class with `time_base`, `slow_time_unit` and an `__iter__` 
 from .admission import ADOPT_AFTER, Admission, AdmissionState, Refusal
 from .factory import check_input, open_source
 from .live import COUNTERS, SCHEMES, LiveSource
-from .source import CountingSource, Pacer, Source
+from .source import BlockSource, CountingSource, Pacer
 
 __all__ = [
     "ADOPT_AFTER",
@@ -18,11 +18,11 @@ __all__ = [
     "SCHEMES",
     "Admission",
     "AdmissionState",
+    "BlockSource",
     "CountingSource",
     "LiveSource",
     "Pacer",
     "Refusal",
-    "Source",
     "check_input",
     "open_source",
 ]

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from edge_agent.settings import AdmissionSettings
+from edge_agent.settings import BlockAdmissionSettings
 from slowtime.signals.block import Block
 from slowtime_schemas.messages import TimeBase
 
@@ -38,7 +38,7 @@ class Admission:
     blocks in a row that continue each other are taken for the stream from then on.
     """
 
-    settings: AdmissionSettings
+    settings: BlockAdmissionSettings
     time_base: TimeBase = "live"
 
     def start(self) -> AdmissionState:

@@ -11,7 +11,7 @@ from .file import FileSource
 from .live import LiveSource, TransportContext, check, importing
 from .recording import RecordingSource
 from .simulated import SimulatedSource
-from .source import Pacer, Source
+from .source import BlockSource, Pacer
 
 
 def check_input(settings: Input) -> None:
@@ -36,7 +36,7 @@ def open_source(
     *,
     bus: Bus | None = None,
     twin: tuple[str, str] = ("", ""),
-) -> Source:
+) -> BlockSource:
     """Open the source that the settings name.
 
     Parameters

@@ -14,7 +14,7 @@ whose clock was set meanwhile are decades apart."""
 
 
 @runtime_checkable
-class Source(Protocol):
+class BlockSource(Protocol):
     """A source of blocks of samples."""
 
     @property

@@ -38,7 +38,7 @@ Marked = tuple[Block, Int[np.ndarray, "_ 2"]]
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Segment:
+class PendingSegment:
     """Samples without a break, as far as they are not worked yet."""
 
     latest: Block
@@ -57,18 +57,18 @@ class Segment:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Condition:
+class Conditioner:
     """Mend, filter and decimate."""
 
     settings: ConditionSettings
 
-    def start(self) -> Segment | None:
+    def start(self) -> PendingSegment | None:
         """Nothing seen yet."""
         return None
 
     def step(
-        self, state: Segment | None, block: Block
-    ) -> tuple[Segment | None, tuple[Marked, ...]]:
+        self, state: PendingSegment | None, block: Block
+    ) -> tuple[PendingSegment | None, tuple[Marked, ...]]:
         """Take one block of any length; return the blocks that are complete."""
         out: list[Marked] = []
         for piece in _pieces(block):
@@ -86,7 +86,7 @@ class Condition:
                 ready -= at_once
         return state, tuple(out)
 
-    def finish(self, state: Segment | None) -> tuple[None, tuple[Marked, ...]]:
+    def finish(self, state: PendingSegment | None) -> tuple[None, tuple[Marked, ...]]:
         """Return the rest of the segment, which no block continues."""
         if state is None:
             return None, ()
@@ -102,7 +102,7 @@ class Condition:
     def _margin(self, rate_hz: float) -> int:
         return REACH + max(1, self._longest_gap(rate_hz))
 
-    def _continues(self, state: Segment, block: Block) -> bool:
+    def _continues(self, state: PendingSegment, block: Block) -> bool:
         end = state.next_index + len(state.rows) - state.margin
         gap = block.first_index - end
         same = (
@@ -112,7 +112,7 @@ class Condition:
         )
         return same and 0 <= gap <= self._longest_gap(block.rate_hz)
 
-    def _work(self, state: Segment, count: int) -> tuple[Segment, list[Marked]]:
+    def _work(self, state: PendingSegment, count: int) -> tuple[PendingSegment, list[Marked]]:
         """Work the next `count` rows: whole chunks, or the last part of one."""
         margin = self._margin(state.latest.rate_hz)
         windows, outside = _windows(state, count, margin)
@@ -149,7 +149,7 @@ class Condition:
         return after, marked
 
     def _filter(
-        self, state: Segment, rows: Float[np.ndarray, "time channel"]
+        self, state: PendingSegment, rows: Float[np.ndarray, "time channel"]
     ) -> tuple[
         Float[np.ndarray, "time channel"], Float[np.ndarray, "section 2 channel"] | None
     ]:
@@ -164,7 +164,7 @@ class Condition:
 
     def _decimate(
         self,
-        state: Segment,
+        state: PendingSegment,
         rows: Float[np.ndarray, "worked channel"],
         marks: Int[np.ndarray, "worked 2"],
     ) -> list[Marked]:
@@ -203,12 +203,12 @@ def _pieces(block: Block) -> Iterator[Block]:
         )
 
 
-def _begin(block: Block) -> Segment:
+def _begin(block: Block) -> PendingSegment:
     rows = np.asarray(block.samples, dtype=float)
-    return Segment(block, block.first_index, block.first_index, rows, 0, None, None)
+    return PendingSegment(block, block.first_index, block.first_index, rows, 0, None, None)
 
 
-def _extend(state: Segment, block: Block) -> Segment:
+def _extend(state: PendingSegment, block: Block) -> PendingSegment:
     gap = block.first_index - (state.next_index + len(state.rows) - state.margin)
     nothing = np.full((gap, state.rows.shape[1]), np.nan)
     rows = np.concatenate([state.rows, nothing, block.samples])
@@ -216,7 +216,7 @@ def _extend(state: Segment, block: Block) -> Segment:
 
 
 def _windows(
-    state: Segment, count: int, margin: int
+    state: PendingSegment, count: int, margin: int
 ) -> tuple[Float[np.ndarray, "chunk time channel"], Bool[np.ndarray, "chunk time"]]:
     """Each chunk with its margins; NaN, and marked, where those lie outside of the segment."""
     chunk = CHUNK if count >= CHUNK else count

@@ -11,7 +11,7 @@ from .reader import ModeReading
 from .windows import Rows
 
 
-class Span(NamedTuple):
+class Extent(NamedTuple):
     """The samples that a message is about.
 
     Parameters
@@ -39,7 +39,7 @@ class Span(NamedTuple):
 
 
 def message_of(
-    settings: ExtractSettings, origin: Origin, sequence: int, span: Span, reading: ModeReading
+    settings: ExtractSettings, origin: Origin, sequence: int, span: Extent, reading: ModeReading
 ) -> Features:
     """Make the message of one span."""
     block, flags = span.block, span.flags

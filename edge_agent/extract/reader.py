@@ -73,7 +73,7 @@ class Memory:
 
 
 @runtime_checkable
-class Reader(Protocol):
+class WindowReader(Protocol):
     """Reads one window after the other."""
 
     def step(self, memory: Memory, window: Window) -> tuple[Memory, ModeReading]:

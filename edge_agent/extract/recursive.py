@@ -52,7 +52,7 @@ class Hop:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Stream:
+class StreamState:
     """State of the recursive identification of a stream.
 
     Parameters
@@ -117,7 +117,7 @@ def identifier(settings: ExtractSettings, rate_hz: float) -> RecursiveModes:
     )
 
 
-def continues(block: Block, stream: Stream) -> bool:
+def continues(block: Block, stream: StreamState) -> bool:
     """Whether a block is of the same channels at the same rate, and later."""
     latest = stream.latest
     return (
@@ -128,12 +128,12 @@ def continues(block: Block, stream: Stream) -> bool:
 
 
 def taken_in(
-    stream: Stream | None,
+    stream: StreamState | None,
     block: Block,
     marks: Marks,
     columns: list[int],
     settings: ExtractSettings,
-) -> Stream:
+) -> StreamState:
     """Take a block into a stream, or begin one with it.
 
     Parameters
@@ -144,7 +144,7 @@ def taken_in(
     recursive = identifier(settings, block.rate_hz)
     lost = 0
     if stream is None:
-        stream = Stream(block, 0, block.start_ns, recursive.start())
+        stream = StreamState(block, 0, block.start_ns, recursive.start())
     else:
         latest = stream.latest
         if block.epoch == latest.epoch:
@@ -163,10 +163,10 @@ def taken_in(
         before.outliers + int(marks[:, 1].sum()),
         before.sums + rows.sum(axis=0),
     )
-    return Stream(block, first + len(rows), stream.since_ns, state, modes, hop)
+    return StreamState(block, first + len(rows), stream.since_ns, state, modes, hop)
 
 
-def is_whole(stream: Stream, settings: ExtractSettings) -> bool:
+def is_whole(stream: StreamState, settings: ExtractSettings) -> bool:
     """Whether a hop is over, so that a message is due."""
     hop = stream.hop
     return hop is not None and hop.count >= round(settings.every_s * stream.latest.rate_hz)

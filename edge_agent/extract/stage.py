@@ -12,12 +12,12 @@ from slowtime_schemas.messages import Features
 
 from . import recursive
 from .channels import columns_of
-from .message import Span, message_of
+from .message import Extent, message_of
 from .multiple_modes import MultiModeReader
 from .plugin import PluginIdentifier
-from .reader import Memory, ModeReading, Reader, Window
+from .reader import Memory, ModeReading, Window, WindowReader
 from .single_mode import SingleModeReader
-from .windows import Gathered, Marks, Rows, Stretch, belongs, gather, part_of_stretch
+from .windows import GatheredWindow, Marks, Rows, Stretch, belongs, gather, part_of_stretch
 
 logger = logging.getLogger(__name__)
 
@@ -28,8 +28,8 @@ class ExtractState:
 
     sequence: int = 0
     memory: Memory = dataclasses.field(default_factory=Memory)
-    gathered: Gathered | None = None
-    stream: recursive.Stream | None = None
+    gathered: GatheredWindow | None = None
+    stream: recursive.StreamState | None = None
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -99,7 +99,7 @@ class Extract:
             state, message = self._read(state, gathered.latest, window, 0, overlapping)
             out.append(message)
             windows, skip = windows + 1, hop
-        left = Gathered(gathered.latest, (stretch,), windows, skip)
+        left = GatheredWindow(gathered.latest, (stretch,), windows, skip)
         return dataclasses.replace(state, gathered=left), tuple(out)
 
     def _continue(
@@ -121,7 +121,7 @@ class Extract:
         return state, out
 
     def _tell(
-        self, state: ExtractState, stream: recursive.Stream
+        self, state: ExtractState, stream: recursive.StreamState
     ) -> tuple[ExtractState, Features]:
         """Make a message of the present estimate of the modes of a stream."""
         block, hop, given = stream.latest, stream.hop, self.settings
@@ -141,7 +141,7 @@ class Extract:
         if len(channels) > given.max_channels:
             memory, reading = state.memory, ModeReading(why=("too_many_channels",))
         overlaps = state.sequence and start_ns < hop.first_ns
-        span = Span(
+        span = Extent(
             block, window.rows, start_ns, last_ns, hop.count, hop.missing, hop.outliers,
             ("overlapping",) if overlaps else (),
         )  # fmt: skip
@@ -169,7 +169,7 @@ class Extract:
         memory, reading = self._identify(state.memory, rows, block, window.start_ns, missing)
         last_ns = window.start_ns + round((count - 1) * 1e9 / block.true_rate_hz)
         outliers = int(marks[:, 1].sum())
-        span = Span(block, rows, window.start_ns, last_ns, count, missing, outliers, flags)
+        span = Extent(block, rows, window.start_ns, last_ns, count, missing, outliers, flags)
         message = message_of(self.settings, self.origin, state.sequence, span, reading)
         after = dataclasses.replace(state, sequence=state.sequence + 1, memory=memory)
         return after, message
@@ -202,7 +202,7 @@ class Extract:
             return memory, ModeReading(why=("failed",))
 
     @property
-    def _reader(self) -> Reader:
+    def _reader(self) -> WindowReader:
         if self.settings.identifier is not None:
             return PluginIdentifier(self.settings, self.settings.identifier)
         if self.settings.method == "modes":

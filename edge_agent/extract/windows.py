@@ -36,7 +36,7 @@ class Stretch:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Gathered:
+class GatheredWindow:
     """The part of a window that has arrived."""
 
     latest: Block
@@ -47,7 +47,7 @@ class Gathered:
     """Rows of the stretch before the next window."""
 
 
-def belongs(block: Block, gathered: Gathered) -> bool:
+def belongs(block: Block, gathered: GatheredWindow) -> bool:
     """Whether a block continues the open window."""
     latest = gathered.latest
     same = (
@@ -60,13 +60,15 @@ def belongs(block: Block, gathered: Gathered) -> bool:
     )
 
 
-def gather(gathered: Gathered | None, block: Block, marks: Marks, max_samples: int) -> Gathered:
+def gather(
+    gathered: GatheredWindow | None, block: Block, marks: Marks, max_samples: int
+) -> GatheredWindow:
     """Add a block to the open window; samples beyond an epoch are left out."""
     # In the sensor's own type, which may be half as wide, until a window is whole.
     rows = np.asarray(block.samples)
     fresh = Stretch(block.first_index, block.start_ns, ((rows, marks),), len(rows))
     if gathered is None:
-        return Gathered(block, (fresh,))
+        return GatheredWindow(block, (fresh,))
     *before, last = gathered.stretches
     held = sum(stretch.count for stretch in gathered.stretches)
     if block.epoch is not None and held + fresh.count > max_samples:

@@ -3,6 +3,6 @@
 from .publisher import Publisher, raw_message
 from .ring import Ring
 from .segment_files import SpoolError
-from .spool import Held, Spool
+from .spool import Spool, SpoolRange
 
-__all__ = ["Held", "Publisher", "Ring", "Spool", "SpoolError", "raw_message"]
+__all__ = ["Publisher", "Ring", "Spool", "SpoolError", "SpoolRange", "raw_message"]

@@ -43,7 +43,7 @@ from slowtime_schemas.streams import (
 from slowtime_services.bus import Bus, Handle, Query, Sample
 from slowtime_services.clock import Clock
 from slowtime_services.digests import digest_of, written
-from slowtime_services.tracing import Made, Traces
+from slowtime_services.tracing import Made, SpanTraces
 
 from .digests import DigestCheck
 from .fatigue_store import FatigueStore
@@ -88,7 +88,7 @@ class Publisher:
         *,
         software: str,
         about: Mapping[str, Any],
-        traces: Traces | None = None,
+        traces: SpanTraces | None = None,
         counts: Callable[[], Mapping[str, int]] | None = None,
     ) -> None:
         self.origin, self._spool, self._bus, self._clock = origin, spool, bus, clock

@@ -5,7 +5,7 @@ import threading
 from typing import NamedTuple
 
 
-class _Kept(NamedTuple):
+class _KeptBlock(NamedTuple):
     end_ns: int
     length_ns: int
     payload: bytes
@@ -27,7 +27,7 @@ class Ring:
 
     def __init__(self, seconds: float, max_bytes: int) -> None:
         self._kept_ns, self._max_bytes = round(seconds * 1e9), max_bytes
-        self._blocks: collections.deque[_Kept] = collections.deque()
+        self._blocks: collections.deque[_KeptBlock] = collections.deque()
         self._bytes = self._length_ns = 0
         self._lock = threading.Lock()
 
@@ -37,7 +37,7 @@ class Ring:
             if self._blocks and end_ns < self._blocks[-1].end_ns:
                 self._blocks.clear()  # the sensor's clock was set back: ages no longer compare
                 self._bytes = self._length_ns = 0
-            self._blocks.append(_Kept(end_ns, end_ns - start_ns, payload))
+            self._blocks.append(_KeptBlock(end_ns, end_ns - start_ns, payload))
             self._bytes += len(payload)
             self._length_ns += end_ns - start_ns
             while len(self._blocks) > 1 and (

@@ -40,7 +40,7 @@ TAKEN_AWAY = (FileNotFoundError, NotADirectoryError, IsADirectoryError)
 """What reading a segment fails with whose path leads nowhere, or to something else."""
 
 
-class Held(NamedTuple):
+class SpoolRange(NamedTuple):
     """Range of one boot in the spool; `first` is one past `last` where all was dropped."""
 
     boot: str
@@ -136,14 +136,16 @@ class Spool:
         """Newest sequence appended in this boot; -1 before the first."""
         return self._last
 
-    def held(self) -> tuple[Held, ...]:
+    def held(self) -> tuple[SpoolRange, ...]:
         """List the stored features of each boot, oldest boot first."""
         with self._lock:
-            found = {boot: Held(boot, last + 1, last) for boot, last in self._gone.items()}
+            found = {
+                boot: SpoolRange(boot, last + 1, last) for boot, last in self._gone.items()
+            }
             for segment in self._segments:
                 before = found.get(segment.boot)
                 first = before.first if before else segment.first
-                found[segment.boot] = Held(segment.boot, first, segment.last)
+                found[segment.boot] = SpoolRange(segment.boot, first, segment.last)
             return tuple(found.values())
 
     def damaged_ranges(self, boot: str) -> list[tuple[int, int]]:

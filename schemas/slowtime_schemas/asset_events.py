@@ -4,6 +4,7 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, StringConstraints, model_validator
 
+from .keyed_access import KeyedAccess
 from .messages import Message
 from .quantities import Covariates, Finite, Frozen, Nanoseconds, Plain
 
@@ -23,7 +24,7 @@ QuantityName = Annotated[str, StringConstraints(min_length=1, max_length=200), P
 MOST_POINTS = 64
 
 
-class RepairResult(Frozen):
+class RepairResult(KeyedAccess, Frozen):
     """How much of the damage a repair has restored."""
 
     restored_share: Annotated[
@@ -44,7 +45,7 @@ class RepairResult(Frozen):
         return self
 
 
-class NewPart(Frozen):
+class NewPart(KeyedAccess, Frozen):
     """What is known of a part that has replaced another."""
 
     change: Annotated[
@@ -54,7 +55,7 @@ class NewPart(Frozen):
     sd: Annotated[Spread | None, Field(description="Standard deviation of `change`.")] = None
 
 
-class MeasuredChange(Frozen):
+class MeasuredChange(KeyedAccess, Frozen):
     """A relative change that was measured; -0.1 once a tenth is gone."""
 
     value: Change
@@ -68,7 +69,7 @@ class CurvePoint(Frozen):
     probability: Share
 
 
-class DetectionLaw(Frozen):
+class DetectionLaw(KeyedAccess, Frozen):
     """Probability that damage of a size is found: Phi(slope ln(a / a50)), or by points."""
 
     a50: Annotated[
@@ -97,7 +98,7 @@ class DetectionLaw(Frozen):
         return self
 
 
-class DetectionResult(Frozen):
+class DetectionResult(KeyedAccess, Frozen):
     """Whether an inspection has found damage, and how probable that was for each size."""
 
     detected: bool

@@ -160,10 +160,16 @@ Free = Annotated[dict[str, Any], AfterValidator(_finite_throughout)]
 """Any JSON object; its numbers are finite."""
 
 
-class Frozen(BaseModel):
-    """Immutable, and refusing keys it does not know."""
+class Immutable(BaseModel):
+    """Immutable model that refuses unknown fields."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", ser_json_inf_nan="constants")
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Frozen(Immutable):
+    """Part of a message or file, whose JSON has names for infinity and NaN."""
+
+    model_config = ConfigDict(ser_json_inf_nan="constants")
 
 
 class Quantity(Frozen):

@@ -2,8 +2,9 @@
 
 from typing import Annotated, Any, Literal, Self, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, JsonValue, StringConstraints, model_validator
+from pydantic import ConfigDict, Field, JsonValue, StringConstraints, model_validator
 
+from .answers.base import RestAnswer
 from .asset_events import PersonName
 from .quantities import Frozen, Nanoseconds, Plain
 
@@ -39,9 +40,7 @@ EXAMPLES: list[Any] = [
 class RegistrationChangeOrder(Frozen):
     """New values of some fields of a registration, or a change to be undone."""
 
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", json_schema_extra={"examples": EXAMPLES}
-    )
+    model_config = ConfigDict(json_schema_extra={"examples": EXAMPLES})
 
     after: Annotated[
         Values, Field(description="New value of each field that is changed, as registered.")
@@ -77,20 +76,16 @@ class RegistrationChangeOrder(Frozen):
         return self
 
 
-class FieldChange(BaseModel):
+class FieldChange(RestAnswer):
     """A field of a registration before and after a change."""
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     field: str = Field(examples=["alarms"])
     before: Any
     after: Any
 
 
-class RegistrationChange(BaseModel):
+class RegistrationChange(RestAnswer):
     """A change of a registration: who, when, and each field before and after it."""
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     number: int = Field(description="Of the event that says so, within its twin.")
     t_ns: Nanoseconds
@@ -105,10 +100,8 @@ class RegistrationChange(BaseModel):
     reversed_by: int | None = Field(None, description="Number of the change that undoes this.")
 
 
-class RegistrationChanges(BaseModel):
+class RegistrationChanges(RestAnswer):
     """Changes of a twin's registration, the newest first."""
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
     id: str
     changes: tuple[RegistrationChange, ...]

@@ -19,7 +19,7 @@ LONGEST_NAME = 64
 """Characters of the longest site, asset or boot [1], as messages allow them."""
 
 
-class Run(NamedTuple):
+class AgentRun(NamedTuple):
     """One run of one edge agent."""
 
     site: str
@@ -27,7 +27,7 @@ class Run(NamedTuple):
     boot: str
 
 
-def run_and_sequence(key: str, payload: bytes) -> tuple[Run, int] | None:
+def run_and_sequence(key: str, payload: bytes) -> tuple[AgentRun, int] | None:
     """Return the boot and sequence of a features message; None for any other."""
     if f"/{FEATURES.name}/" not in key:
         return None
@@ -41,16 +41,16 @@ def run_and_sequence(key: str, payload: bytes) -> tuple[Run, int] | None:
 
 
 @functools.lru_cache(maxsize=65536)
-def _run_and_key(site: bytes, asset: bytes, boot: bytes) -> tuple[Run, str]:
+def _run_and_key(site: bytes, asset: bytes, boot: bytes) -> tuple[AgentRun, str]:
     """Return a run and the key of its features, which recur from message to message."""
-    run = Run(site.decode(), asset.decode(), boot.decode())
+    run = AgentRun(site.decode(), asset.decode(), boot.decode())
     return run, FEATURES.key(run.site, run.asset)
 
 
-def _found_by_parsing(payload: bytes) -> tuple[Run, int] | None:
+def _found_by_parsing(payload: bytes) -> tuple[AgentRun, int] | None:
     try:
         content = from_json(payload)
-        run = Run(content["site"], content["asset"], content["boot"])
+        run = AgentRun(content["site"], content["asset"], content["boot"])
         sequence = content["sequence"]
     except (ValueError, KeyError, TypeError):
         return None

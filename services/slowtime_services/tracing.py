@@ -49,7 +49,7 @@ class Made(NamedTuple):
         return int.from_bytes(hashlib.sha256(text.encode()).digest())
 
 
-class Traces:
+class SpanTraces:
     """Spans of one process.
 
     Parameters
@@ -124,7 +124,7 @@ def asked_for(environment: Mapping[str, str] = os.environ) -> bool:
     return any(environment.get(name) for name in ASKED_BY)
 
 
-def traces_of(service: str) -> Traces | None:
+def traces_of(service: str) -> SpanTraces | None:
     """Make the traces of a process, over OTLP; None where the environment does not ask.
 
     Raises
@@ -144,7 +144,7 @@ def traces_of(service: str) -> Traces | None:
         ) from error
     provider = provider_of(service)
     provider.add_span_processor(BatchSpanProcessor(OTLPSpanExporter()))
-    return Traces(provider)
+    return SpanTraces(provider)
 
 
 def provider_of(service: str) -> "TracerProvider":

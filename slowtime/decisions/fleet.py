@@ -219,7 +219,7 @@ def _postponed(
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Candidate:
+class VisitCandidate:
     """An asset that a team might be sent to.
 
     Parameters
@@ -238,8 +238,8 @@ class Candidate:
 
 
 def dispatch(
-    candidates: Sequence[Candidate], visits: int, budget: float | None = None
-) -> tuple[Candidate, ...]:
+    candidates: Sequence[VisitCandidate], visits: int, budget: float | None = None
+) -> tuple[VisitCandidate, ...]:
     """Choose the assets that teams inspect, of the largest total net value.
 
     Parameters
@@ -265,8 +265,10 @@ def dispatch(
     return tuple(sorted(best, key=lambda one: -one.net_value))
 
 
-def _greedy(ordered: Sequence[Candidate], visits: int, budget: float | None) -> list[Candidate]:
-    chosen: list[Candidate] = []
+def _greedy(
+    ordered: Sequence[VisitCandidate], visits: int, budget: float | None
+) -> list[VisitCandidate]:
+    chosen: list[VisitCandidate] = []
     spent = 0.0
     for one in ordered:
         fits = budget is None or spent + one.cost <= budget

@@ -39,7 +39,7 @@ _HALVINGS = 36
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Rate:
+class DriftRate:
     """A drift rate with its uncertainty.
 
     Parameters
@@ -77,10 +77,10 @@ class Pool:
         own readings say all, 1 where they say nothing.
     """
 
-    fleet: Rate
-    spread: Rate
-    another: Rate
-    members: tuple[Rate, ...]
+    fleet: DriftRate
+    spread: DriftRate
+    another: DriftRate
+    members: tuple[DriftRate, ...]
     shrinkage: Float[np.ndarray, " member"]
 
 
@@ -212,14 +212,14 @@ def _mixtures(
     mean: Float[np.ndarray, "spread mixture"],
     sd: Float[np.ndarray, "spread mixture"],
     many: bool,
-) -> list[Rate]:
+) -> list[DriftRate]:
     """Mean, standard deviation and interval of each of some mixtures of normals."""
     value = weight @ mean
     deviation = np.sqrt(weight @ (sd**2 + (mean - value) ** 2)) if many else math.inf + value
     lo, hi = (
         _quantiles(weight, mean, sd, share) for share in (0.5 - LEVEL / 2.0, 0.5 + LEVEL / 2.0)
     )
-    return [Rate(*one) for one in np.stack([value, deviation, lo, hi], axis=1).tolist()]
+    return [DriftRate(*one) for one in np.stack([value, deviation, lo, hi], axis=1).tolist()]
 
 
 def _quantiles(
@@ -239,10 +239,10 @@ def _quantiles(
 
 def _rate_from_posterior(
     weight: Float[np.ndarray, " spread"], tau: Float[np.ndarray, " spread"], many: bool
-) -> Rate:
+) -> DriftRate:
     value = float(weight @ tau)
     below = np.cumsum(weight) - 0.5 * weight
     lo, hi = np.interp([0.5 - LEVEL / 2.0, 0.5 + LEVEL / 2.0], below, tau).tolist()
     if not many:
-        return Rate(math.inf, math.inf, lo, hi)
-    return Rate(value, math.sqrt(float(weight @ (tau - value) ** 2)), lo, hi)
+        return DriftRate(math.inf, math.inf, lo, hi)
+    return DriftRate(value, math.sqrt(float(weight @ (tau - value) ** 2)), lo, hi)

@@ -7,7 +7,7 @@ import dataclasses
 
 import numpy as np
 
-from .curves import Curve
+from .curves import SNCurve
 from .cycles import Cycles, Points, Series, extract, residue_cycles, turning_points
 from .histogram import Histogram
 from .mean_stress import MeanStress
@@ -54,7 +54,7 @@ class Counter:
 
     Examples
     --------
-    >>> counter = Counter(curve=Curve(constant=1e6, slope=3.0))
+    >>> counter = Counter(curve=SNCurve(constant=1e6, slope=3.0))
     >>> wave = np.tile([3.0, -2.0, 1.0, -3.0], 500)
     >>> whole = counter.step(Count(), wave)
     >>> cut = counter.step(counter.step(Count(), wave[:1233]), wave[1233:])
@@ -62,7 +62,7 @@ class Counter:
     (True, {25: 1000, 41: 999})
     """
 
-    curve: Curve
+    curve: SNCurve
     mean_stress: MeanStress = dataclasses.field(default_factory=MeanStress)
 
     def step(self, count: Count, series: Series) -> Count:

@@ -26,7 +26,7 @@ EN_CHARACTERISTIC_SD = 1.645
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
-class Curve:
+class SNCurve:
     """A median S-N curve in stress ranges, of one slope or two.
 
     Parameters
@@ -47,7 +47,7 @@ class Curve:
 
     Examples
     --------
-    >>> curve = Curve(constant=1e12, slope=3.0)
+    >>> curve = SNCurve(constant=1e12, slope=3.0)
     >>> curve.life(np.array([100.0])), curve.damage(np.array([100.0]))
     (array([1000000.]), array([1.e-06]))
     """
@@ -75,7 +75,7 @@ class Curve:
             _positive("lower_slope", self.lower_slope)
 
     @classmethod
-    def of_amplitudes(cls, constant: float, slope: float, log10_sd: float = 0.2) -> "Curve":
+    def of_amplitudes(cls, constant: float, slope: float, log10_sd: float = 0.2) -> "SNCurve":
         """Make the curve N = constant × amplitude**(-slope), which is given in amplitudes.
 
         A range is twice an amplitude, so that the constant for ranges is 2**slope times that
@@ -99,7 +99,7 @@ class Curve:
     @classmethod
     def of_detail_category(
         cls, category: float, *, log10_sd: float = 0.2, characteristic: bool = False
-    ) -> "Curve":
+    ) -> "SNCurve":
         """Make the curve of a detail category of EN 1993-1-9, for stress in MPa.
 
         Parameters

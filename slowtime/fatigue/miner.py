@@ -20,7 +20,7 @@ import math
 import numpy as np
 from scipy.special import log_ndtr, ndtr, ndtri
 
-from .curves import Curve
+from .curves import SNCurve
 from .histogram import Histogram
 
 NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(21)
@@ -63,7 +63,7 @@ class MinerSum:
 
     Examples
     --------
-    >>> total = MinerSum.of(Curve(constant=1e12, slope=3.0, log10_sd=0.2), 0.1, 0.1)
+    >>> total = MinerSum.of(SNCurve(constant=1e12, slope=3.0, log10_sd=0.2), 0.1, 0.1)
     >>> low, high = total.interval(0.90)
     >>> round(low, 3), round(high, 3), round(total.sd, 3)
     (0.047, 0.213, 0.054)
@@ -74,7 +74,7 @@ class MinerSum:
     slope: float
 
     @classmethod
-    def of(cls, curve: Curve, damage: float, upper_damage: float) -> "MinerSum":
+    def of(cls, curve: SNCurve, damage: float, upper_damage: float) -> "MinerSum":
         """Make the sum from the damage by the median curve and its part above the knee.
 
         Parameters
@@ -96,7 +96,7 @@ class MinerSum:
         return cls(median=damage, ln_sd=curve.ln_sd, slope=slope)
 
     @classmethod
-    def of_histogram(cls, curve: Curve, histogram: Histogram) -> "MinerSum":
+    def of_histogram(cls, curve: SNCurve, histogram: Histogram) -> "MinerSum":
         """Make it of a histogram, whose bins round each range by up to 2.2 %."""
         ranges, counts = histogram.ranges, histogram.counts
         each = counts * curve.damage(ranges)

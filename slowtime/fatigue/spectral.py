@@ -23,7 +23,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
-from .curves import Curve
+from .curves import SNCurve
 
 Densities = Float[np.ndarray, " point"]
 
@@ -33,7 +33,7 @@ LARGEST = 12.0
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Moments:
+class SpectralMoments:
     """Moments of a one-sided spectral density of stress over frequency in Hz."""
 
     m0: float
@@ -44,7 +44,7 @@ class Moments:
     @classmethod
     def of(
         cls, frequency_hz: Float[np.ndarray, " f"], density: Float[np.ndarray, " f"]
-    ) -> "Moments":
+    ) -> "SpectralMoments":
         """Integrate a spectral density by the trapezoidal rule.
 
         Parameters
@@ -87,7 +87,7 @@ class Moments:
         return min(1.0, self.m2 / math.sqrt(self.m0 * self.m4))
 
 
-def damage_rate(moments: Moments, curve: Curve, method: str = "dirlik") -> float:
+def damage_rate(moments: SpectralMoments, curve: SNCurve, method: str = "dirlik") -> float:
     """Damage per second by Gaussian stress of zero mean.
 
     Parameters
@@ -107,8 +107,8 @@ def damage_rate(moments: Moments, curve: Curve, method: str = "dirlik") -> float
 
     Examples
     --------
-    >>> tone = Moments(2.0, 10.0, 50.0, 1250.0)  # a narrow band at 5 Hz
-    >>> rate = damage_rate(tone, Curve(constant=1e9, slope=4.0), "narrow_band")
+    >>> tone = SpectralMoments(2.0, 10.0, 50.0, 1250.0)  # a narrow band at 5 Hz
+    >>> rate = damage_rate(tone, SNCurve(constant=1e9, slope=4.0), "narrow_band")
     >>> round(rate * 1e9 / (5 * (2 * 2.0) ** 2 * math.gamma(3) * 2**4), 9)
     1.0
     """
@@ -117,11 +117,11 @@ def damage_rate(moments: Moments, curve: Curve, method: str = "dirlik") -> float
     return METHODS[method](moments, curve)
 
 
-def _narrow_band(moments: Moments, curve: Curve) -> float:
+def _narrow_band(moments: SpectralMoments, curve: SNCurve) -> float:
     return moments.zero_crossings_hz * _rayleigh(math.sqrt(moments.m0), curve)
 
 
-def _wirsching_light(moments: Moments, curve: Curve) -> float:
+def _wirsching_light(moments: SpectralMoments, curve: SNCurve) -> float:
     m = curve.slope
     width = math.sqrt(1 - moments.alpha2**2)
     a, b = 0.926 - 0.033 * m, 1.587 * m - 2.323
@@ -129,7 +129,7 @@ def _wirsching_light(moments: Moments, curve: Curve) -> float:
     return share * _narrow_band(moments, curve)
 
 
-def _tovo_benasciutti(moments: Moments, curve: Curve) -> float:
+def _tovo_benasciutti(moments: SpectralMoments, curve: SNCurve) -> float:
     a1, a2 = moments.alpha1, moments.alpha2
     if a2 > 1 - 1e-9:
         return _narrow_band(moments, curve)
@@ -142,7 +142,7 @@ def _tovo_benasciutti(moments: Moments, curve: Curve) -> float:
     return b * _narrow_band(moments, curve) + (1 - b) * lower
 
 
-def dirlik_density(moments: Moments, amplitude: Densities) -> Densities:
+def dirlik_density(moments: SpectralMoments, amplitude: Densities) -> Densities:
     """Density of rainflow amplitudes by Dirlik's formula.
 
     Parameters
@@ -172,14 +172,14 @@ def dirlik_density(moments: Moments, amplitude: Densities) -> Densities:
     )
 
 
-def _dirlik(moments: Moments, curve: Curve) -> float:
+def _dirlik(moments: SpectralMoments, curve: SNCurve) -> float:
     amplitude = np.linspace(0.0, LARGEST, POINTS)
     each = curve.damage(2 * math.sqrt(moments.m0) * amplitude)
     density = dirlik_density(moments, amplitude)
     return moments.peaks_hz * float(np.trapezoid(each * density, amplitude))
 
 
-def _rayleigh(sd: float, curve: Curve) -> float:
+def _rayleigh(sd: float, curve: SNCurve) -> float:
     """Mean damage of a cycle whose amplitude is Rayleigh with parameter `sd` [1]."""
     if curve.lower_slope is None and curve.cut_off == 0:
         m = curve.slope
@@ -189,7 +189,7 @@ def _rayleigh(sd: float, curve: Curve) -> float:
     return float(np.trapezoid(curve.damage(2 * sd * amplitude) * density, amplitude))
 
 
-METHODS: dict[str, Callable[[Moments, Curve], float]] = {
+METHODS: dict[str, Callable[[SpectralMoments, SNCurve], float]] = {
     "narrow_band": _narrow_band,
     "wirsching_light": _wirsching_light,
     "dirlik": _dirlik,

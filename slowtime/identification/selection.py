@@ -80,7 +80,7 @@ class Selection:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Plan:
+class SelectionPlan:
     """What edits make of the automatic modes.
 
     Parameters
@@ -100,7 +100,7 @@ class Plan:
 
 def plan_edits(
     selection: Selection, automatic: Sequence[StablePole], poles: Sequence[Poles]
-) -> Plan:
+) -> SelectionPlan:
     """Find what the edits of a person mean in a diagram.
 
     Parameters
@@ -145,7 +145,9 @@ def plan_edits(
     replaced = {mode for mode, edit in named.items() if edit.action in ("merge", "split")}
     if not selection.automatic:
         hidden.update(set(range(len(automatic))) - set(named))
-    return Plan(hidden=frozenset(hidden), replaced=frozenset(replaced), added=tuple(added))
+    return SelectionPlan(
+        hidden=frozenset(hidden), replaced=frozenset(replaced), added=tuple(added)
+    )
 
 
 def _listed(values: Sequence[float]) -> str:

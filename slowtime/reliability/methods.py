@@ -22,7 +22,7 @@ from .sampling.subset import subset_simulation
 
 
 @runtime_checkable
-class Run(Protocol):
+class MethodCall(Protocol):
     """What each method is called with; further settings have defaults."""
 
     def __call__(
@@ -37,7 +37,7 @@ class Method:
 
     name: str
     title: str
-    run: Run
+    run: MethodCall
     interval: bool
     """Whether it gives a 95 % interval; an approximation gives none."""
 

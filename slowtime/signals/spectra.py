@@ -26,7 +26,7 @@ PIECE = 65_536
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Spectrum:
+class DensitySpectrum:
     r"""One-sided power spectral densities of all channels.
 
     Parameters
@@ -128,7 +128,7 @@ def _tapered(
 
 def periodogram(
     samples: Float[np.ndarray, "time channel"], rate_hz: float, *, taper: str = "boxcar"
-) -> Spectrum:
+) -> DensitySpectrum:
     """One-sided periodogram of a whole record.
 
     Parameters
@@ -155,9 +155,9 @@ def periodogram(
     count = len(samples)
     if count > LONG and count % 2 == 0:
         density = _density_by_halves(samples, rate_hz, taper)
-        return Spectrum(fft.rfftfreq(count, 1.0 / rate_hz), density)
+        return DensitySpectrum(fft.rfftfreq(count, 1.0 / rate_hz), density)
     frequency, coefficients = transform(samples, rate_hz, taper=taper)
-    return Spectrum(frequency, np.abs(coefficients) ** 2)
+    return DensitySpectrum(frequency, np.abs(coefficients) ** 2)
 
 
 def _density_by_halves(samples: np.ndarray, rate_hz: float, taper: str) -> np.ndarray:
@@ -189,7 +189,7 @@ def _density_by_halves(samples: np.ndarray, rate_hz: float, taper: str) -> np.nd
 
 def welch(
     samples: Float[np.ndarray, "time channel"], rate_hz: float, *, segment_s: float
-) -> Spectrum:
+) -> DensitySpectrum:
     """One-sided density by Welch's method: half-overlapping Hann segments.
 
     Parameters
@@ -215,7 +215,7 @@ def welch(
     segments = (detrended(samples[start : start + length]) for start in starts)
     spectra = [periodogram(segment, rate_hz, taper="hann") for segment in segments]
     total = functools.reduce(np.add, (spectrum.density for spectrum in spectra))
-    return Spectrum(spectra[0].frequency_hz, np.asarray(total / len(spectra)))
+    return DensitySpectrum(spectra[0].frequency_hz, np.asarray(total / len(spectra)))
 
 
 def smoothed(

@@ -193,7 +193,7 @@ def products(
 
 
 @dataclasses.dataclass(slots=True)
-class Basis:
+class PolynomialBasis:
     """Products of polynomials on inputs that come scaled to the box of a design.
 
     Remembers its answer for the points asked last: a search asks for the same again and again.

@@ -14,7 +14,7 @@ LEVEL = 0.95
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Candidate:
+class ScoredSurrogate:
     """How one surrogate foretold the points left out."""
 
     name: str
@@ -34,7 +34,7 @@ class Choice:
 
     surrogate: Surrogate
     name: str
-    candidates: tuple[Candidate, ...]
+    candidates: tuple[ScoredSurrogate, ...]
     """The best first; those that failed last."""
 
     why: str
@@ -106,7 +106,7 @@ def choose(
     if not named:
         raise ValueError("There is nothing to choose from. Give candidates by name, or none.")
     splits = list(KFold(folds, shuffle=True, random_state=random_state).split(x))
-    tried: list[tuple[Candidate, np.ndarray]] = []
+    tried: list[tuple[ScoredSurrogate, np.ndarray]] = []
     for name, surrogate in named.items():
         tried.append(_try(name, clone(surrogate), x, np.asarray(outputs, float), splits))
     tried.sort(key=lambda one: (one[0].failure is not None, one[0].crps))
@@ -129,7 +129,7 @@ def _try(
     x: np.ndarray,
     y: np.ndarray,
     splits: list[tuple[np.ndarray, np.ndarray]],
-) -> tuple[Candidate, np.ndarray]:
+) -> tuple[ScoredSurrogate, np.ndarray]:
     mean, sd = np.empty(len(y)), np.empty(len(y))
     inside = np.empty(len(y), dtype=bool)
     try:
@@ -143,10 +143,10 @@ def _try(
                 inside[rest] = (lo <= y[rest]) & (y[rest] <= hi)
     except (ValueError, np.linalg.LinAlgError) as error:
         nothing = np.full(len(y), np.nan)
-        return Candidate(name, np.inf, np.inf, np.nan, failure=str(error)), nothing
+        return ScoredSurrogate(name, np.inf, np.inf, np.nan, failure=str(error)), nothing
     score = _crps(mean, sd, y)
     rmse = float(np.sqrt(np.mean((mean - y) ** 2)))
-    return Candidate(name, float(score.mean()), rmse, float(inside.mean())), score
+    return ScoredSurrogate(name, float(score.mean()), rmse, float(inside.mean())), score
 
 
 def _crps(mean: np.ndarray, sd: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -157,7 +157,7 @@ def _crps(mean: np.ndarray, sd: np.ndarray, y: np.ndarray) -> np.ndarray:
     return np.asarray(sd * inner)
 
 
-def _why(tried: list[tuple[Candidate, np.ndarray]], spread: float) -> str:
+def _why(tried: list[tuple[ScoredSurrogate, np.ndarray]], spread: float) -> str:
     best, own = tried[0]
     text = [
         f"{best.name} foretells points left out best: its error is "

@@ -19,7 +19,7 @@ Inputs = Float[np.ndarray, "sample input"]
 
 
 @dataclass(frozen=True, slots=True)
-class Problem:
+class BoxProblem:
     """A function of uniform inputs between two corners."""
 
     name: str
@@ -161,12 +161,12 @@ def frame_frequency(x: Inputs) -> Outputs:
     return np.array(found)
 
 
-def _box(name: str, function: Callable[[np.ndarray], np.ndarray], *ends: float) -> Problem:
+def _box(name: str, function: Callable[[np.ndarray], np.ndarray], *ends: float) -> BoxProblem:
     corners = np.array(ends).reshape(-1, 2).T
-    return Problem(name, function, corners[0], corners[1])
+    return BoxProblem(name, function, corners[0], corners[1])
 
 
-PROBLEMS: dict[str, Problem] = {
+PROBLEMS: dict[str, BoxProblem] = {
     one.name: one
     for one in (
         _box("Ishigami", ishigami, *(-np.pi, np.pi) * 3),

@@ -26,7 +26,7 @@ from slowtime_services.diagnose import (
     write_results,
 )
 from slowtime_services.diagnose.labels import labelled, number
-from slowtime_services.engines import Limits, usable_cores
+from slowtime_services.engines import JobLimits, usable_cores
 from slowtime_services.files import DateOrder, Repeated
 from slowtime_services.matrices import read_any_description
 from slowtime_services.plugins.effect_kinds import known
@@ -71,7 +71,7 @@ def diagnose(
         _refuse_unwritable(out)
         from .diagnose_batch import diagnose_batch
 
-        limits = Limits(seconds=limit_s or 0.0, mebibytes=limit_mib or 0, retries=retries)
+        limits = JobLimits(seconds=limit_s or 0.0, mebibytes=limit_mib or 0, retries=retries)
         diagnose_batch(batch, out, engine, jobs, limits)
         return
     if history is not None:

@@ -10,14 +10,14 @@ from click.core import ParameterSource
 
 from slowtime_cli.shared.terminal import bar, note, plural, until_signalled
 from slowtime_services.batches import (
-    Batch,
     Case,
+    CaseBatch,
     cases_of,
     row_of,
     run_batch,
     write_summary,
 )
-from slowtime_services.engines import Limits, Outcome, engine_for
+from slowtime_services.engines import JobEnd, JobLimits, engine_for
 
 OWN = ("batch", "engine", "jobs", "limit_s", "limit_mib", "retries")
 """Options of batches; all others are those of each diagnosis."""
@@ -28,7 +28,7 @@ def diagnose_batch(
     out: Path,
     engine: str,
     jobs: int | None,
-    limits: Limits,
+    limits: JobLimits,
 ) -> None:
     """Diagnose the cases of a folder, and write one table of them.
 
@@ -63,7 +63,7 @@ def diagnose_batch(
         for c in cases
     ]
     out.mkdir(parents=True, exist_ok=True)
-    batch = Batch(cases=cases, out=out.absolute(), command=command, limits=limits)
+    batch = CaseBatch(cases=cases, out=out.absolute(), command=command, limits=limits)
     ended = []
     with until_signalled() as stop, bar(plural(len(cases), "case"), len(cases)) as advance:
         for outcome in run_batch(batch, runs, stop):
@@ -99,14 +99,14 @@ def _typed(option: click.Option, value: object) -> Iterator[str]:
         yield from (option.opts[0], str(one))
 
 
-def _line(out: Path, outcome: Outcome) -> str:
+def _line(out: Path, outcome: JobEnd) -> str:
     row = row_of(out, outcome)
     told = row.get("verdict") or outcome.status
     effects = f" ({row['effects']})" if row.get("effects") else ""
     return f"{outcome.name}: {str(told).replace('_', ' ')}{effects}, {outcome.seconds:.0f} s"
 
 
-def _tell(ended: Sequence[Outcome], count: int, out: Path) -> None:
+def _tell(ended: Sequence[JobEnd], count: int, out: Path) -> None:
     """Say how the batch ended; status 1 if any case gave no diagnosis."""
     counts = Counter(one.status for one in ended)
     note(f"{counts['done']} of {plural(count, 'case')} diagnosed: {out / 'summary.csv'}")

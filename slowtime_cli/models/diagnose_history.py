@@ -14,7 +14,7 @@ from slowtime_services.diagnose.history_document import (
     parameters_text,
     write_history_results,
 )
-from slowtime_services.diagnose.history_table import History, read_history
+from slowtime_services.diagnose.history_table import TabulatedHistory, read_history
 from slowtime_services.files import RecordError
 from twin_server.diagnose.history_diagnosis import read_task_history
 from twin_server.persist import Store, WrongStoreError, backup, is_url, open_store
@@ -59,7 +59,7 @@ def diagnose_history(
     click.echo(f"{out}: {document['seconds']:.1f} s")
 
 
-def _history(source: str, twin: str | None) -> History:
+def _history(source: str, twin: str | None) -> TabulatedHistory:
     if is_url(source):
         return _of_store(source, twin)
     path = Path(source)
@@ -81,7 +81,7 @@ def _history(source: str, twin: str | None) -> History:
         return _of_store(copy, twin)
 
 
-def _of_store(database: str | Path, twin: str | None) -> History:
+def _of_store(database: str | Path, twin: str | None) -> TabulatedHistory:
     store = open_store(database)
     try:
         return _read(store, twin)
@@ -89,7 +89,7 @@ def _of_store(database: str | Path, twin: str | None) -> History:
         store.close()
 
 
-def _read(store: Store, twin: str | None) -> History:
+def _read(store: Store, twin: str | None) -> TabulatedHistory:
     known = sorted(row.id for row in store.twins())
     if twin is None and len(known) == 1:
         twin = known[0]

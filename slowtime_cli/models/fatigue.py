@@ -10,7 +10,7 @@ from pydantic import ValidationError
 
 from slowtime.fatigue.counter import Count
 from slowtime.fatigue.miner import TimeToFailure, equivalent_range
-from slowtime.fatigue.spectral import METHODS, Moments, damage_rate
+from slowtime.fatigue.spectral import METHODS, SpectralMoments, damage_rate
 from slowtime.signals.spectra import welch
 from slowtime_cli.models.virtual import (
     asked_quantity,
@@ -91,7 +91,7 @@ def _result(
     length = max(8, len(stress) // SPECTRAL_WINDOWS)
     spectrum = welch(np.asarray(stress, float)[:, None], rate_hz, segment_s=length / rate_hz)
     density = spectrum.density[:, 0]
-    moments = Moments.of(spectrum.frequency_hz, density) if density.any() else None
+    moments = SpectralMoments.of(spectrum.frequency_hz, density) if density.any() else None
     return {
         "seconds": seconds,
         "cycles": float(histogram.counts.sum()),

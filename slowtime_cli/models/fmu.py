@@ -7,7 +7,7 @@ import click
 
 from slowtime_cli.shared.terminal import note, plural, removed_unless_finished
 from slowtime_services.functional_mockup import write_fmu
-from slowtime_services.functional_mockup.co_simulated_model import Variable
+from slowtime_services.functional_mockup.co_simulated_model import UnitVariable
 from slowtime_services.matrices import read_any_description
 
 
@@ -29,6 +29,6 @@ def fmu(model: Path, out: Path, step_s: float) -> None:
     note("The Python of the program that runs the unit must be able to import slowtime.")
 
 
-def _list(title: str, variables: Sequence[Variable]) -> None:
+def _list(title: str, variables: Sequence[UnitVariable]) -> None:
     if variables:
         click.echo(f"{title}: " + ", ".join(f"{one.name} [{one.unit}]" for one in variables))

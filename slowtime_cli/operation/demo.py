@@ -11,7 +11,7 @@ import click
 
 from slowtime_cli.shared.demo_structures import EPOCHS_PER_S, STRUCTURES, registration
 from slowtime_cli.shared.extras import require
-from slowtime_cli.shared.terminal import INTERRUPTED, Stop, plural, until_signalled
+from slowtime_cli.shared.terminal import INTERRUPTED, StopFlag, plural, until_signalled
 from slowtime_services.client import Client
 from slowtime_services.credentials import make_key
 
@@ -89,7 +89,7 @@ def _run(
     duration_s: float,
     recording: Path | None,
     epochs_per_s: float,
-    stop: Stop,
+    stop: StopFlag,
 ) -> None:
     endpoint = f"tcp/127.0.0.1:{_free_port()}"
     url = f"http://127.0.0.1:{port}"
@@ -163,7 +163,7 @@ def _pace(name: str, epochs_per_s: float) -> float:
     return epochs_per_s * EPOCHS_PER_S[name] / max(EPOCHS_PER_S.values())
 
 
-def _watch(family: Children, duration_s: float, stop: Stop) -> None:
+def _watch(family: Children, duration_s: float, stop: StopFlag) -> None:
     deadline = time.monotonic() + duration_s if duration_s else float("inf")
     while (left := deadline - time.monotonic()) > 0 and not stop.wait(min(left, 0.5)):
         family.check()
@@ -220,7 +220,7 @@ def _estimates(point: dict[str, Any]) -> dict[str, dict[str, float]]:
 
 
 def _wait_until_ready(
-    family: Children, client: Client, stop: Stop, patience_s: float = 60.0
+    family: Children, client: Client, stop: StopFlag, patience_s: float = 60.0
 ) -> None:
     deadline = time.monotonic() + patience_s
     while not stop.wait(0.1):
@@ -231,7 +231,9 @@ def _wait_until_ready(
             raise RuntimeError(f"The twin server was not ready after {patience_s:g} s.")
 
 
-def _wait_for_file(family: Children, path: Path, stop: Stop, patience_s: float = 20.0) -> None:
+def _wait_for_file(
+    family: Children, path: Path, stop: StopFlag, patience_s: float = 20.0
+) -> None:
     deadline = time.monotonic() + patience_s
     while not path.exists() and not stop.wait(0.05):
         family.check()

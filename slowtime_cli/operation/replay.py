@@ -35,7 +35,7 @@ from slowtime_schemas.streams import (
 from slowtime_services.bus import Sample
 from slowtime_services.client import AnswerError, Client, UnreachableError
 from slowtime_services.record.writer import COUNTED_ONCE, WINDOWS
-from slowtime_services.replay import Progress, contents, raw_blocks, read_recording
+from slowtime_services.replay import ReplayProgress, contents, raw_blocks, read_recording
 from slowtime_services.replay import replay as replay_file
 
 T = TypeVar("T")
@@ -104,7 +104,7 @@ def _asked_of(server: str, asset: str) -> Mapping[str, object]:
         ) from error
 
 
-def _share(tell: Callable[[float], None]) -> Callable[[Progress], None]:
+def _share(tell: Callable[[float], None]) -> Callable[[ReplayProgress], None]:
     return lambda now: tell(now.done / max(now.total, 1))
 
 

@@ -43,7 +43,7 @@ told. Source: simulations; at 3 % the bias of frequencies reaches their standard
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Measured:
+class InputsAndOutputs:
     """Inputs and outputs of a record, and what outputs are per input."""
 
     inputs: np.ndarray[Any, Any]
@@ -137,7 +137,7 @@ def _longest(record: Record) -> Record:
     return dataclasses.replace(record, samples=record.samples[first:last], gaps=())
 
 
-def _measured(record: Record, names: tuple[str, ...], excitation: str) -> Measured:
+def _measured(record: Record, names: tuple[str, ...], excitation: str) -> InputsAndOutputs:
     columns = [find_column(name, record.channels) for name in names]
     others = [k for k in range(len(record.channels)) if k not in columns]
     if len(set(columns)) < len(columns) or not others:
@@ -169,7 +169,7 @@ def _measured(record: Record, names: tuple[str, ...], excitation: str) -> Measur
             "responses are treated as accelerations, because they state no common unit. Give "
             "it with --unit."
         )
-    return Measured(
+    return InputsAndOutputs(
         inputs=inputs,
         outputs=samples[:, others],
         input_channels=tuple(channels[k] for k in columns),
@@ -194,7 +194,10 @@ def _responses(record: Record, others: list[int]) -> list[int]:
 
 
 def _identified(
-    measured: Measured, rate_hz: float, band_hz: tuple[float, float], flags: dict[str, Any]
+    measured: InputsAndOutputs,
+    rate_hz: float,
+    band_hz: tuple[float, float],
+    flags: dict[str, Any],
 ) -> ModalTest:
     points = driving_points(
         [name for name, _ in measured.output_channels],

@@ -13,7 +13,7 @@ from slowtime_schemas.raw import RawHeader, encode_raw
 from slowtime_schemas.streams import RAW
 from slowtime_services.files import MAX_BYTES
 from slowtime_services.record import RecordingWriter
-from slowtime_services.simulate import Simulated, simulated_structure
+from slowtime_services.simulate import EvolvingStructure, simulated_structure
 
 from .simulate_model import read_start, simulate_model
 
@@ -63,7 +63,7 @@ def simulate(
     )
 
 
-def _as_recording(simulated: Simulated, epochs: int, name: str, out: Path) -> None:
+def _as_recording(simulated: EvolvingStructure, epochs: int, name: str, out: Path) -> None:
     with RecordingWriter(out) as writer, bar("Simulating", epochs) as tell:
         for sequence, block in enumerate(simulated.blocks()):
             samples = np.ascontiguousarray(block.samples)
@@ -99,7 +99,7 @@ def _as_recording(simulated: Simulated, epochs: int, name: str, out: Path) -> No
             tell((block.epoch or 0) + 1)
 
 
-def _as_arrays(simulated: Simulated, epochs: int, out: Path) -> None:
+def _as_arrays(simulated: EvolvingStructure, epochs: int, out: Path) -> None:
     shape = (len(simulated.channels), epochs, simulated.samples)
     if math.prod(shape) * 8 > MAX_BYTES:
         raise click.UsageError(

@@ -9,7 +9,7 @@ from slowtime_services.bus import BusUnreachableError, ZenohBus
 from slowtime_services.credentials import options_for
 
 from .options import endpoints
-from .terminal import Stop
+from .terminal import StopFlag
 
 TIMEOUT_S = 10.0
 """Time that the router is waited for [s]."""
@@ -20,7 +20,7 @@ ATTEMPT_S = 2.0
 @contextlib.contextmanager
 def connected(
     connect: Sequence[str],
-    stop: Stop,
+    stop: StopFlag,
     credentials: Path | None = None,
     *,
     patience_s: float = TIMEOUT_S,

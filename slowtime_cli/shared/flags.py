@@ -6,7 +6,7 @@ from typing import Any, TypeVar
 
 import click
 
-from slowtime_cli.shared.options import POSITIVE, Number
+from slowtime_cli.shared.options import POSITIVE, Real
 
 F = TypeVar("F", bound=Callable[..., Any])
 EXISTING = click.Path(exists=True, dir_okay=False, path_type=Path)
@@ -141,7 +141,7 @@ AS_BUILT = (
     ),
     click.option(
         "--nominal-damping",
-        type=Number(0, 1, max_open=True),
+        type=Real(0, 1, max_open=True),
         help="Damping ratio as built.",
     ),
     click.option(

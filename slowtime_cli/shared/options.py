@@ -19,7 +19,7 @@ NAME = r"[a-z0-9][a-z0-9_-]{0,62}"
 STDOUT = Path("-")
 
 
-class Number(click.FloatRange):
+class Real(click.FloatRange):
     """A number that is one: neither NaN nor infinite, and within its range."""
 
     def _describe_range(self) -> str:
@@ -36,7 +36,7 @@ class Number(click.FloatRange):
         return number
 
 
-POSITIVE = Number(min=0, min_open=True)
+POSITIVE = Real(min=0, min_open=True)
 
 
 class Name(click.ParamType):  # type: ignore[type-arg]  # generic only in the newest click

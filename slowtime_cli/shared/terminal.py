@@ -32,7 +32,7 @@ INTERRUPTED = 130
 """Exit status of a job that Ctrl-C ended before its end."""
 
 
-class Stop(threading.Event):
+class StopFlag(threading.Event):
     """Set when a job shall end."""
 
     interrupted = False
@@ -40,9 +40,9 @@ class Stop(threading.Event):
 
 
 @contextlib.contextmanager
-def until_signalled(duration_s: float = 0.0) -> Iterator[Stop]:
+def until_signalled(duration_s: float = 0.0) -> Iterator[StopFlag]:
     """Yield an event that Ctrl-C, SIGTERM, or the end of `duration_s` sets."""
-    stop = Stop()
+    stop = StopFlag()
 
     def end(number: int, _frame: FrameType | None) -> None:
         stop.interrupted |= number == signal.SIGINT

@@ -128,7 +128,7 @@ def _sentence(found: Composite) -> str:
     bounds = failure.any_dependence
     return (
         f"{found.id} fails{ahead} with probability {_chance(failure)}; "
-        f"{_number(bounds['lo'])} to {_number(bounds['hi'])} whatever its members' dependence."
+        f"{_number(bounds.lo)} to {_number(bounds.hi)} whatever its members' dependence."
     )
 
 

@@ -13,7 +13,7 @@ from benchmarks.methods.lattice_tower.structure import (
     DENSITY_KG_M3,
     POISSON,
     YOUNG_PA,
-    Layout,
+    TowerLayout,
     assemble_tower,
     draw_tower,
     export_tower,
@@ -29,8 +29,8 @@ from slowtime_services.matrices import read_matrix_model
 
 pytest.importorskip("pyfe3d")
 
-SMALL = Layout(storeys=60, leg_elements=1, girt_elements=1)
-MIDDLE = Layout(storeys=60, leg_elements=2, girt_elements=2)
+SMALL = TowerLayout(storeys=60, leg_elements=1, girt_elements=1)
+MIDDLE = TowerLayout(storeys=60, leg_elements=2, girt_elements=2)
 
 
 def section(tube):

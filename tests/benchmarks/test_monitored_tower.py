@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.methods.monitored_tower import LOSS, Monitored
+from benchmarks.methods.monitored_tower import LOSS, TowerTwin
 
 SEEDS = 6
 """One loss of each group; `python -m benchmarks.methods.monitored_tower` runs fifty."""
@@ -11,7 +11,7 @@ SEEDS = 6
 
 @pytest.mark.long
 def test_the_group_that_lost_a_tenth_is_named_and_its_size_is_covered():
-    tower = Monitored.read()
+    tower = TowerTwin.read()
     assert len(tower.full.channels) == 24
     found = [tower.run(seed) for seed in range(SEEDS)]
     assert {one.group for one in found} == set(tower.twin.free)

@@ -5,13 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from benchmarks.methods.monitored_tower import Monitored
+from benchmarks.methods.monitored_tower import TowerTwin
 from benchmarks.methods.sampled_tower import SampledTower
 
 
 @pytest.mark.long
 def test_the_group_that_lost_a_tenth_is_named_from_samples():
-    tower = dataclasses.replace(Monitored.read(), sampled=True, window_s=300.0)
+    tower = dataclasses.replace(TowerTwin.read(), sampled=True, window_s=300.0)
     found = tower.run(1, later=2)
     assert found.alone
     assert np.abs(found.misses).max() < 4.0
@@ -20,7 +20,7 @@ def test_the_group_that_lost_a_tenth_is_named_from_samples():
 
 @pytest.mark.long
 def test_shapes_from_samples_err_as_stated():
-    tower = dataclasses.replace(Monitored.read(), window_s=300.0)
+    tower = dataclasses.replace(TowerTwin.read(), window_s=300.0)
     true = tower.at(np.zeros(len(tower.twin.free)))
     agent, rng = SampledTower(tower), np.random.default_rng(2)
     ratio = []

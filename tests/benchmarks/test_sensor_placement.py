@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.methods.sensor_placement import BETTER, Candidates
+from benchmarks.methods.sensor_placement import BETTER, SensorCandidates
 
 SEEDS = 6
 """`python -m benchmarks.methods.sensor_placement` runs two hundred."""
@@ -11,7 +11,7 @@ SEEDS = 6
 
 @pytest.fixture(scope="module")
 def tower():
-    return Candidates.read(4)
+    return SensorCandidates.read(4)
 
 
 def test_placed_sensors_are_expected_to_tell_a_fifth_more(tower):

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel
 
+from slowtime_schemas.answers.forecasts import CrossingModel
 from tests.docs.commands import parse
 from twin_server.orders import SimulationOrder
 from twin_server.registration.twin import Registration
-from twin_server.serve.models.forecasts import CrossingModel
 
 PAGE = (Path(__file__).parents[2] / "docs/foresight.md").read_text()
 BLOCKS = re.findall(r"```json ?(\w*)\n(.*?)```", PAGE, re.S)

@@ -15,7 +15,7 @@ from edge_agent.assess.fatigue import CycleCount, Point
 from edge_agent.publish.fatigue_store import FatigueStore
 from edge_agent.settings import EdgeSettings, Origin, PointSettings
 from slowtime.fatigue.counter import Count, Counter
-from slowtime.fatigue.curves import Curve
+from slowtime.fatigue.curves import SNCurve
 from slowtime.signals.block import Block
 from slowtime_schemas.codec import decode
 from slowtime_schemas.messages import Fatigue, Virtual
@@ -108,7 +108,7 @@ def test_where_blocks_are_cut_changes_no_final_sum_and_no_virtual_value(model):
 def test_a_channel_of_stress_is_counted_as_the_library_counts_it(model):
     whole = block()
     point = next(p for p in told(settings_of(model), [whole])[-1].points if p.name == "s")
-    counter = Counter(curve=Curve.of_detail_category(71.0))
+    counter = Counter(curve=SNCurve.of_detail_category(71.0))
     total = counter.miner(counter.step(Count(), whole.samples[:, 1]))
     assert (point.source, point.unit, point.seconds) == ("channel", "MPa", 120.0)
     assert point.damage == pytest.approx(total.median)

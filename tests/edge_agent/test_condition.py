@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from edge_agent.condition import CHUNK, Condition, Marked
+from edge_agent.condition import CHUNK, Conditioner, Marked
 from edge_agent.settings import ConditionSettings
 from slowtime.signals.block import Block
 
@@ -83,7 +83,7 @@ STAGES = [
 @settings(max_examples=20, deadline=None)
 @given(where=st.sets(st.integers(1, 1499), max_size=12))
 def test_cutting_the_stream_anywhere_changes_nothing(chosen, where):
-    stage = Condition(chosen)
+    stage = Conditioner(chosen)
     rows, marks, index = run(stage, cut(WHOLE, where))
     whole_rows, whole_marks, whole_index = run(stage, [WHOLE])
     np.testing.assert_array_equal(index, whole_index)
@@ -93,13 +93,13 @@ def test_cutting_the_stream_anywhere_changes_nothing(chosen, where):
 
 def test_the_input_is_not_written_into():
     before = WHOLE.samples.copy()
-    run(Condition(ConditionSettings(lowpass_hz=20.0)), [WHOLE])
+    run(Conditioner(ConditionSettings(lowpass_hz=20.0)), [WHOLE])
     np.testing.assert_array_equal(WHOLE.samples, before)
 
 
 def test_spikes_and_missing_samples_are_bridged_counted_and_nothing_else_is_touched():
     clean = vibration(1500, channels=2)
-    rows, marks, index = run(Condition(ConditionSettings()), [WHOLE])
+    rows, marks, index = run(Conditioner(ConditionSettings()), [WHOLE])
     np.testing.assert_array_equal(index, np.arange(1500))
     assert np.flatnonzero(marks[:, 1]).tolist() == [100, 256, 700]
     assert marks[:, 0].sum() == 13
@@ -118,7 +118,7 @@ def test_nothing_stands_out_of_an_unspoilt_vibration(seed):
     ringing += 1e-4 * rng.standard_normal(4000)
     beating = np.sin(2 * np.pi * 31 * t) * np.sin(2 * np.pi * 0.3 * t) + 0.01 * white
     for samples in (white, ringing, beating, vibration(4000, seed, frequency=24.0)):
-        marks = run(Condition(ConditionSettings()), [block_of(samples)])[1]
+        marks = run(Conditioner(ConditionSettings()), [block_of(samples)])[1]
         assert marks.sum() == 0
 
 
@@ -126,14 +126,14 @@ def test_a_spike_of_two_samples_goes_and_an_event_of_many_stays():
     samples = 0.01 * np.random.default_rng(0).standard_normal(1000)
     samples[300:302] += 5.0
     samples[600:620] += 5.0
-    rows, marks, _ = run(Condition(ConditionSettings()), [block_of(samples)])
+    rows, marks, _ = run(Conditioner(ConditionSettings()), [block_of(samples)])
     assert np.flatnonzero(marks[:, 1]).tolist() == [300, 301]
     np.testing.assert_array_equal(rows[600:620, 0], samples[600:620])
 
 
 def test_a_gap_in_the_index_is_bridged_if_short_and_parts_the_stream_if_long():
     samples = vibration(1000)
-    stage = Condition(ConditionSettings(max_gap_s=0.2))
+    stage = Conditioner(ConditionSettings(max_gap_s=0.2))
     short = [block_of(samples[:500]), block_of(samples[520:], 520)]
     rows, marks, index = run(stage, short)
     np.testing.assert_array_equal(index, np.arange(1000))
@@ -148,7 +148,7 @@ def test_a_gap_in_the_index_is_bridged_if_short_and_parts_the_stream_if_long():
 
 def test_a_new_epoch_never_borrows_samples_from_the_one_before():
     samples = vibration(600)
-    stage = Condition(ConditionSettings(lowpass_hz=10.0))
+    stage = Conditioner(ConditionSettings(lowpass_hz=10.0))
     blocks = [block_of(samples[:300], 0, epoch=0), block_of(samples[300:], 300, epoch=1)]
     together = run(stage, blocks)[0]
     apart = np.concatenate([run(stage, [block])[0] for block in blocks])
@@ -157,7 +157,7 @@ def test_a_new_epoch_never_borrows_samples_from_the_one_before():
 
 def test_decimation_keeps_the_band_the_times_and_the_offset():
     samples = vibration(3000, frequency=2.0)
-    stage = Condition(ConditionSettings(decimate=5, spikes=False))
+    stage = Conditioner(ConditionSettings(decimate=5, spikes=False))
     out: list[Marked] = []
     state = stage.start()
     for block in cut(block_of(samples, first_index=7), {501, 502, 1900}):
@@ -177,14 +177,14 @@ def test_decimation_keeps_the_band_the_times_and_the_offset():
 def test_an_offset_does_not_ring_through_the_filter():
     samples = np.full(1000, 50.0)
     stage = ConditionSettings(highpass_hz=1.0, spikes=False)
-    assert np.abs(run(Condition(stage), [block_of(samples)])[0]).max() < 1e-9
+    assert np.abs(run(Conditioner(stage), [block_of(samples)])[0]).max() < 1e-9
 
 
 def test_whole_numbers_and_single_precision_are_taken_as_they_come():
     samples = np.round(vibration(800) * 1000)
-    wanted = run(Condition(ConditionSettings()), [block_of(samples)])[0]
+    wanted = run(Conditioner(ConditionSettings()), [block_of(samples)])[0]
     for kind in ("<i2", "<i4", "<f4"):
-        got = run(Condition(ConditionSettings()), [block_of(samples.astype(kind))])[0]
+        got = run(Conditioner(ConditionSettings()), [block_of(samples.astype(kind))])[0]
         np.testing.assert_array_equal(got, wanted)
 
 
@@ -192,11 +192,11 @@ def test_a_band_above_nyquist_says_what_to_change():
     with pytest.raises(
         ValueError, match=r"not below 50 Hz.*Lower lowpass_hz, or sample faster"
     ):
-        run(Condition(ConditionSettings(lowpass_hz=60.0)), [WHOLE])
+        run(Conditioner(ConditionSettings(lowpass_hz=60.0)), [WHOLE])
 
 
 def test_the_state_holds_no_more_than_a_chunk_and_its_margins():
-    stage = Condition(ConditionSettings())
+    stage = Conditioner(ConditionSettings())
     state = stage.start()
     for number in range(200):
         state, _ = stage.step(state, block_of(vibration(100, number), 100 * number))

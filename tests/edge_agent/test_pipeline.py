@@ -23,12 +23,12 @@ from slowtime_schemas.streams import ABOUT, FEATURES, HEALTH, RAW, request_key
 from slowtime_services.bus import MemoryBus, Sample
 from slowtime_services.clock import HandClock
 from slowtime_services.replay import block_of
-from slowtime_services.simulate import Fatigue, Sensor, SimulatedStructure
+from slowtime_services.simulate import FatigueLoss, SensorErrors, SimulatedStructure
 
 STRUCTURE = SimulatedStructure(
     seconds=30.0,
-    sensor=Sensor(spikes_per_epoch=2.0, dropouts_per_epoch=1.0),
-    stiffness=Fatigue(),
+    sensor=SensorErrors(spikes_per_epoch=2.0, dropouts_per_epoch=1.0),
+    stiffness=FatigueLoss(),
     epochs=6,
 )
 ORIGIN = Origin(site="lab", asset="beam", boot="b1", time_base="simulated")
@@ -350,7 +350,9 @@ def test_a_source_that_breaks_ends_the_agent_but_not_before_its_features_are_tol
 @pytest.mark.long
 @pytest.mark.parametrize("dtype", ["<f4", "<f8"])
 def test_a_rerun_over_recorded_raw_blocks_gives_the_same_bytes(tmp_path, dtype):
-    structure = STRUCTURE.model_copy(update={"sensor": Sensor(spikes_per_epoch=2, dtype=dtype)})
+    structure = STRUCTURE.model_copy(
+        update={"sensor": SensorErrors(spikes_per_epoch=2, dtype=dtype)}
+    )
     source = Given([item for n in range(4) for item in (*structure.epoch(n), None)])
     first = House(tmp_path / "1", source, publish={"raw": "on"}, extract={"ewma_a": 0.25})
     second = House(

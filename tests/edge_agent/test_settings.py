@@ -7,7 +7,7 @@ from pydantic import ValidationError
 
 from edge_agent.settings import EdgeSettings, FileInput, Processing, SimulatedInput
 from slowtime_schemas.messages import About
-from slowtime_services.simulate import Fatigue, SimulatedStructure
+from slowtime_services.simulate import FatigueLoss, SimulatedStructure
 
 
 @pytest.fixture(autouse=True)
@@ -46,7 +46,7 @@ def test_flags_before_environment_before_file(tmp_path, monkeypatch):
     assert settings.connect == ("tcp/10.0.0.2:7447",)
     assert isinstance(settings.input, SimulatedInput)
     assert isinstance(settings.input.structure, SimulatedStructure)
-    assert settings.input.structure.stiffness == Fatigue(rate=1e-3)
+    assert settings.input.structure.stiffness == FatigueLoss(rate=1e-3)
     assert settings.input.structure.rate_hz == 100.0
 
 

@@ -20,7 +20,7 @@ from twin_server.registration.twin import Registration
 from twin_server.serve import Hub, create_app
 from twin_server.serve.access import TokenFile, guarded
 from twin_server.serve.http.problems import ProblemError
-from twin_server.serve.live import Client
+from twin_server.serve.live import LiveClient
 from twin_server.settings import TwinSettings
 
 from .wire import accepted
@@ -29,7 +29,7 @@ from .wire import accepted
 class Passing(Hub):
     """Live streams that end once they have begun, so that a request has an end."""
 
-    def join(self, twin_id: str) -> Client | None:
+    def join(self, twin_id: str) -> LiveClient | None:
         """Watch, and no longer."""
         client = super().join(twin_id)
         if client is not None:

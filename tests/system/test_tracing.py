@@ -19,7 +19,7 @@ from slowtime_services.tracing import (
     TWIN,
     Made,
     NoTelemetryError,
-    Traces,
+    SpanTraces,
     provider_of,
     traces_of,
 )
@@ -46,7 +46,7 @@ def traced(tmp_path_factory):
     kept, bus = InMemorySpanExporter(), MemoryBus()
     provider = provider_of("test")
     provider.add_span_processor(SimpleSpanProcessor(kept))
-    traces = Traces(provider)
+    traces = SpanTraces(provider)
     heard: list[Sample] = []
     bus.subscribe(FEATURES.everywhere, heard.append)
     stop, ready, urls = threading.Event(), threading.Event(), []

@@ -3,7 +3,6 @@
 from .account import Account
 from .backfill import Backfill
 from .changes import (
-    Change,
     DoubtedSequence,
     LostRange,
     OldReading,
@@ -11,6 +10,7 @@ from .changes import (
     ReachedLimit,
     RepeatedFeatures,
     RivalAgents,
+    StoreChange,
 )
 from .held import Arrival
 from .reception import Received, Reception
@@ -25,7 +25,6 @@ __all__ = [
     "Account",
     "Arrival",
     "Backfill",
-    "Change",
     "DoubtedSequence",
     "EdgeQuery",
     "Holding",
@@ -41,5 +40,6 @@ __all__ = [
     "Run",
     "SensorNotice",
     "SensorWatch",
+    "StoreChange",
     "contest_reading",
 ]

@@ -5,8 +5,8 @@ that comes early is held, one that comes twice refused. What is missing is asked
 `EdgeQuery`), and passed over only once it is known that nobody has it any more.
 
 The account does no I/O and has no clock: the seconds are arguments, and what follows from each
-call is written into a `Change`, for the pipeline to make durable. What one message costs does
-not depend on the numbers in it, nor on how many boots or features came before it.
+call is written into a `StoreChange`, for the pipeline to make durable. What one message costs
+does not depend on the numbers in it, nor on how many boots or features came before it.
 """
 
 from collections import Counter
@@ -17,7 +17,7 @@ from twin_server.settings import BackfillSettings
 
 from .asset_runs import AssetRuns
 from .boots import BootLimits, admit, close_finished, has_room, leave_behind
-from .changes import Change
+from .changes import StoreChange
 from .evidence import correct
 from .held import Arrival
 from .rivals import contest, look_for_rivals, look_for_survivor, tell_agents_apart
@@ -59,7 +59,7 @@ class Account:
         self._of_site: Counter[str] = Counter()
         self._uneasy: dict[tuple[str, str], AssetRuns] = {}
         self._asked: dict[tuple[str, str], AssetRuns] = {}
-        self.corrections = Change()
+        self.corrections = StoreChange()
         """What was corrected of restored runs, to be stored and reported."""
 
     def restore(self, runs: Iterable[Run], next_number: int) -> None:
@@ -91,7 +91,7 @@ class Account:
         self._uneasy[site, asset] = line
         return numbers
 
-    def take(self, arrivals: Iterable[Arrival], now_s: float, change: Change) -> None:
+    def take(self, arrivals: Iterable[Arrival], now_s: float, change: StoreChange) -> None:
         """Sort arriving features: accept, hold or refuse each.
 
         Parameters
@@ -121,7 +121,7 @@ class Account:
                 self._put_aside(line, run, arrival, now_s, change)
 
     def hear(
-        self, healths: Iterable[tuple[Health, bool]], now_s: float, change: Change
+        self, healths: Iterable[tuple[Health, bool]], now_s: float, change: StoreChange
     ) -> None:
         """Take from health messages, replayed or not, the last sequence of each boot.
 
@@ -165,7 +165,7 @@ class Account:
                 run.disbelieved.add(features.sequence, reason)
 
     def _hear_of_end(
-        self, line: AssetRuns, run: Run, last: int, now_s: float, change: Change
+        self, line: AssetRuns, run: Run, last: int, now_s: float, change: StoreChange
     ) -> None:
         """Note the newest sequence that an agent states of a boot."""
         if last <= run.horizon < run.forgotten:
@@ -239,7 +239,7 @@ class Account:
         want: EdgeQuery,
         listing: Sequence[Holding] | None,
         now_s: float,
-        change: Change,
+        change: StoreChange,
         *,
         sound: bool = True,
     ) -> None:
@@ -283,7 +283,7 @@ class Account:
         hole = None if run is None or run.closed else run.missing()
         return hole is not None and hole[0] <= want.first
 
-    def give_up(self, change: Change) -> None:
+    def give_up(self, change: StoreChange) -> None:
         """Stop waiting: admit boots that wait and skip every hole.
 
         For a source that has ended and can be asked for nothing, such as a recording that
@@ -364,7 +364,7 @@ class Account:
             del self._of_site[line.site]
 
     def _meet(
-        self, line: AssetRuns, boot: str, replayed: bool, now_s: float, change: Change
+        self, line: AssetRuns, boot: str, replayed: bool, now_s: float, change: StoreChange
     ) -> Run | None:
         """Note a new boot; its edge is asked for other features before the boot is admitted."""
         if not has_room(line, boot, self._limits, change):
@@ -381,7 +381,7 @@ class Account:
         return run
 
     def _put_aside(
-        self, line: AssetRuns, run: Run, arrival: Arrival, now_s: float, change: Change
+        self, line: AssetRuns, run: Run, arrival: Arrival, now_s: float, change: StoreChange
     ) -> None:
         sequence = arrival.features.sequence
         refusal = refusal_of(run, arrival, line.held_bytes, self._settings)
@@ -412,7 +412,7 @@ class Account:
         listing: Sequence[Holding],
         certain: bool,
         now_s: float,
-        change: Change,
+        change: StoreChange,
     ) -> None:
         if not listing and line.waiting and not line.impatient(certain, now_s, self._settings):
             line.put_off(now_s, self._settings)

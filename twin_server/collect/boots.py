@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Sequence
 
 from .asset_runs import AssetRuns
-from .changes import Change, LostRange, ReachedLimit
+from .changes import LostRange, ReachedLimit, StoreChange
 from .evidence import MOST_AHEAD, drop_far, vouch, withdraw
 from .runs import Holding, Run
 from .sequence import NOT_HELD, lose, pass_over, release_held
@@ -46,7 +46,7 @@ class BootLimits:
         return MOST_AHEAD if self.alone or replayed else self.max_jump
 
 
-def has_room(line: AssetRuns, boot: str, limits: BootLimits, change: Change) -> bool:
+def has_room(line: AssetRuns, boot: str, limits: BootLimits, change: StoreChange) -> bool:
     """Whether an asset may have another boot; where it may not, that is reported once."""
     few = len(line.known) < limits.max_boots
     if few and (limits.alone or len(line.waiting) < MOST_WAITING):
@@ -74,7 +74,7 @@ def admit(
     listing: Sequence[Holding],
     limits: BootLimits,
     now_s: float,
-    change: Change,
+    change: StoreChange,
 ) -> None:
     """Admit every waiting boot, and others that the edge holds, oldest first."""
     new = [
@@ -111,7 +111,7 @@ def admit(
     close_finished(line, change)
 
 
-def close_finished(line: AssetRuns, change: Change) -> None:
+def close_finished(line: AssetRuns, change: StoreChange) -> None:
     """Close each boot that is whole and has a successor; let the successor flow."""
     while line.unfinished:
         run = line.unfinished[0]
@@ -132,7 +132,7 @@ def close_finished(line: AssetRuns, change: Change) -> None:
         line.unfinished.popleft()
 
 
-def leave_behind(run: Run, holding: Holding, change: Change) -> None:
+def leave_behind(run: Run, holding: Holding, change: StoreChange) -> None:
     """Report features of a closed boot that an edge holds; they stay in its spool."""
     first = max(run.next, run.lost[-1][1] + 1 if run.lost else 0)
     if first > holding.last:
@@ -157,7 +157,7 @@ def _let_in(
     holding: Holding | None,
     answered: bool,
     limits: BootLimits,
-    change: Change,
+    change: StoreChange,
 ) -> None:
     run.ack_version = line.ack_version if holding is None else holding.ack_version
     run.number, limits.next_number = limits.next_number, limits.next_number + 1

@@ -108,7 +108,7 @@ class RepeatedFeatures(NamedTuple):
 
 
 @dataclasses.dataclass(slots=True)
-class Change:
+class StoreChange:
     """The changes that follow from messages, to be made durable at once.
 
     Parameters

@@ -6,7 +6,7 @@ goes on that is millions ahead of a server restored from an old backup. Everythi
 mistake or a lie. It is not waited for, not counted as lost, and told once for each boot.
 """
 
-from .changes import Change, DoubtedSequence
+from .changes import DoubtedSequence, StoreChange
 from .intervals import Range
 from .runs import MOST_AT_ONCE, Holding, Run
 
@@ -23,14 +23,14 @@ def vouch(run: Run, holding: Holding) -> None:
         run.vouched = (holding.first, holding.last)
 
 
-def doubt(run: Run, stated: int, change: Change) -> None:
+def doubt(run: Run, stated: int, change: StoreChange) -> None:
     """Report that a stated sequence is not believed, once for each boot."""
     if not run.doubted:
         run.doubted = True
         change.doubted.append(DoubtedSequence(run, stated, run.next))
 
 
-def withdraw(run: Run, change: Change) -> None:
+def withdraw(run: Run, change: StoreChange) -> None:
     """Stop waiting for what an agent has stated and not delivered; nothing of it is lost."""
     stated = max(run.told, -1 if run.vouched is None else run.vouched[1])
     if stated > run.next + run.reach:
@@ -39,7 +39,7 @@ def withdraw(run: Run, change: Change) -> None:
     run.forgotten = max(run.forgotten, stated)
 
 
-def drop_far(run: Run, change: Change) -> None:
+def drop_far(run: Run, change: StoreChange) -> None:
     """Refuse held features that lie beyond what is believed."""
     far = [sequence for sequence in run.held if sequence > run.horizon]
     for sequence in far:
@@ -61,7 +61,7 @@ def jump_refusal(run: Run, sequence: int) -> str:
     )
 
 
-def correct(run: Run, change: Change) -> None:
+def correct(run: Run, change: StoreChange) -> None:
     """Take back what an earlier server believed of a boot's stated sequences."""
     # Where features behind a range were accepted, it cannot be expected again.
     false = [p for p in run.lost if p[1] - p[0] >= MOST_AHEAD and run.last < p[0]]

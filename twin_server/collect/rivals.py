@@ -5,7 +5,7 @@ import datetime
 from slowtime_schemas.messages import Health
 
 from .asset_runs import AssetRuns
-from .changes import Change, RepeatedFeatures, RivalAgents
+from .changes import RepeatedFeatures, RivalAgents, StoreChange
 from .held import Arrival
 from .runs import Run
 
@@ -21,7 +21,7 @@ SURVIVES = 2
 lives: one may have been on its way when it ended."""
 
 
-def contest(run: Run, how: str, change: Change) -> None:
+def contest(run: Run, how: str, change: StoreChange) -> None:
     """Note that two agents send under one boot: nothing more of it is acknowledged."""
     run.contested = True
     if not run.rivalled:
@@ -30,7 +30,7 @@ def contest(run: Run, how: str, change: Change) -> None:
 
 
 def contest_reading(
-    run: Run, sequence: int, one_ns: int, other_ns: int, change: Change
+    run: Run, sequence: int, one_ns: int, other_ns: int, change: StoreChange
 ) -> None:
     """Note that two agents have sent different readings under one sequence."""
     contest(run, _told_apart(sequence, one_ns, other_ns), change)
@@ -44,7 +44,7 @@ def contest_reading(
     )
 
 
-def tell_agents_apart(run: Run, health: Health, change: Change) -> None:
+def tell_agents_apart(run: Run, health: Health, change: StoreChange) -> None:
     """Distinguish the agents of a boot by their start times; contest it where there are two."""
     if health.uptime_s <= 0:
         return
@@ -56,7 +56,7 @@ def tell_agents_apart(run: Run, health: Health, change: Change) -> None:
             contest(run, f"one began at {one}, the other at {other}", change)
 
 
-def look_for_survivor(line: AssetRuns, run: Run, health: Health, change: Change) -> None:
+def look_for_survivor(line: AssetRuns, run: Run, health: Health, change: StoreChange) -> None:
     """See whether the agent of a closed boot lives on beside that of a later one."""
     later = line.latest or run
     if run.rivalled or not run.closed or later is run or not later.agents:
@@ -67,7 +67,7 @@ def look_for_survivor(line: AssetRuns, run: Run, health: Health, change: Change)
         report_rivals(line, run, change)
 
 
-def report_rivals(line: AssetRuns, run: Run, change: Change) -> None:
+def report_rivals(line: AssetRuns, run: Run, change: StoreChange) -> None:
     """Report that a boot and the latest one of its asset are of two agents."""
     run.rivalled = True
     latest = run if line.latest is None else line.latest
@@ -75,7 +75,7 @@ def report_rivals(line: AssetRuns, run: Run, change: Change) -> None:
 
 
 def look_for_rivals(
-    line: AssetRuns, run: Run, arrival: Arrival, reason: str, change: Change
+    line: AssetRuns, run: Run, arrival: Arrival, reason: str, change: StoreChange
 ) -> None:
     """Check whether refused messages come from a second agent."""
     if arrival.replayed:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from twin_server.settings import BackfillSettings
 
-from .changes import Change, LostRange, OldReading, Ordered
+from .changes import LostRange, OldReading, Ordered, StoreChange
 from .evidence import MOST_AHEAD, drop_far, jump_refusal, vouch, withdraw
 from .held import Arrival, HeldBytes
 from .intervals import Range, covers, joined
@@ -15,7 +15,7 @@ DAMAGED = "the edge's spool is damaged there"
 NOT_HELD = "the edge no longer holds it"
 
 
-def accept(run: Run, arrival: Arrival, change: Change) -> None:
+def accept(run: Run, arrival: Arrival, change: StoreChange) -> None:
     """Accept the next features of a run; drop them if sensor time does not increase."""
     features = arrival.features
     run.next = features.sequence + 1
@@ -46,7 +46,7 @@ def accept(run: Run, arrival: Arrival, change: Change) -> None:
         change.aged.append(OldReading(run, features.sequence, arrival.age_s))
 
 
-def release_held(run: Run, change: Change) -> None:
+def release_held(run: Run, change: StoreChange) -> None:
     """Release held features as far as none before them is missing."""
     while run.flows and run.next in run.held:
         sequence = run.next
@@ -112,7 +112,7 @@ def conclude_hole(
     spooled: bool,
     now_s: float,
     settings: BackfillSettings,
-    change: Change,
+    change: StoreChange,
 ) -> None:
     """Conclude from an edge's account whether the first hole of a run is asked for again.
 
@@ -161,7 +161,7 @@ def conclude_hole(
         run.put_off(now_s, settings)
 
 
-def give_up(run: Run, hole: Range, certain: bool, change: Change) -> None:
+def give_up(run: Run, hole: Range, certain: bool, change: StoreChange) -> None:
     """Stop waiting for a hole: count its first part as lost, or doubt what lies behind it."""
     if run.held and hole[1] - hole[0] >= run.reach:
         # An account that lists it all, and an agent that gives what is far ahead alone.
@@ -175,7 +175,7 @@ def give_up(run: Run, hole: Range, certain: bool, change: Change) -> None:
     pass_over(run, part if run.held or run.followed else hole, why, change)
 
 
-def lose_damaged(run: Run, holding: Holding, change: Change) -> None:
+def lose_damaged(run: Run, holding: Holding, change: StoreChange) -> None:
     """Skip features damaged in the spool, as far as all before them have arrived."""
     for begin, end in joined(holding.damaged):
         while (hole := run.missing()) is not None and begin <= hole[0] <= end:
@@ -187,7 +187,7 @@ def lose_damaged(run: Run, holding: Holding, change: Change) -> None:
             return
 
 
-def pass_over(run: Run, hole: Range, why: str, change: Change) -> None:
+def pass_over(run: Run, hole: Range, why: str, change: StoreChange) -> None:
     """Go on behind a hole; a tail that nothing follows is forgotten instead."""
     if run.held or run.followed or run.asked_ahead or run.is_implausible:
         skip(run, hole, why, change)
@@ -195,7 +195,7 @@ def pass_over(run: Run, hole: Range, why: str, change: Change) -> None:
         run.forgotten = max(run.forgotten, hole[1])
 
 
-def skip(run: Run, hole: Range, why: str, change: Change) -> None:
+def skip(run: Run, hole: Range, why: str, change: StoreChange) -> None:
     """Count a hole as lost, unless only an implausible number says that there is one."""
     if run.asked_ahead or (not run.held and run.is_implausible):
         withdraw(run, change)
@@ -204,7 +204,7 @@ def skip(run: Run, hole: Range, why: str, change: Change) -> None:
         release_held(run, change)
 
 
-def lose(run: Run, first: int, last: int, why: str, change: Change) -> None:
+def lose(run: Run, first: int, last: int, why: str, change: StoreChange) -> None:
     """Pass over sequences `first` to `last`, both included, and report them as lost."""
     run.note_lost(first, last)
     run.next = last + 1
@@ -214,7 +214,7 @@ def lose(run: Run, first: int, last: int, why: str, change: Change) -> None:
     change.touched[run] = None
 
 
-def lose_one(run: Run, sequence: int, change: Change) -> None:
+def lose_one(run: Run, sequence: int, change: StoreChange) -> None:
     """Report one that has come and cannot be kept; neighbours in one range."""
     run.interrupt(sequence + 1)
     run.note_lost(sequence, sequence)

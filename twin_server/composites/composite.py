@@ -1,6 +1,6 @@
 """The registration of a composite: its members, their gates and their dependence."""
 
-from typing import Annotated, Any, Literal, Self, TypeAlias
+from typing import Annotated, Any, Self, TypeAlias
 
 from pydantic import ConfigDict, Field, model_validator
 
@@ -13,8 +13,8 @@ from slowtime.reliability.trees import (
     parallel,
     series,
 )
-from slowtime_schemas.quantities import AS_STORED, Plain
-from twin_server.orders import Frozen
+from slowtime_schemas.answers.composites import CompositeKind
+from slowtime_schemas.quantities import AS_STORED, Immutable, Plain
 from twin_server.registration.thresholds import Positive, Quantity
 from twin_server.registration.twin import ID
 
@@ -29,7 +29,7 @@ Rho = Annotated[float, Field(ge=0, le=0.999)]
 Share = Annotated[float, Field(ge=0, le=1)]
 
 
-class GateModel(Frozen):
+class GateModel(Immutable):
     """A gate: `series`, `parallel`, or `k` with `of`, over members and other gates."""
 
     series: Annotated[
@@ -77,7 +77,7 @@ Input: TypeAlias = Id | GateModel
 GateModel.model_rebuild()
 
 
-class Dependence(Frozen):
+class Dependence(Immutable):
     """Twins that do not fail independently: by a common cause, or equally correlated."""
 
     members: Annotated[tuple[Id, ...], Field(min_length=2, max_length=MOST_MEMBERS)]
@@ -108,7 +108,7 @@ class Dependence(Frozen):
         return Equicorrelated(self.members, self.rho)
 
 
-class Failing(Frozen):
+class Failing(Immutable):
     """The value of a change from which on a twin counts as failed."""
 
     quantity: Quantity
@@ -127,7 +127,7 @@ EXAMPLE: dict[str, Any] = {
 }
 
 
-class Composite(Frozen):
+class Composite(Immutable):
     """A twin made of twins: a site, a line of like assets, a structure of parts.
 
     Examples
@@ -136,12 +136,10 @@ class Composite(Frozen):
     ('lab.a', 'lab.b')
     """
 
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", json_schema_extra={"examples": [EXAMPLE]}
-    )
+    model_config = ConfigDict(json_schema_extra={"examples": [EXAMPLE]})
 
     name: Annotated[str, Field(max_length=100), Plain] = ""
-    kind: Literal["site", "line", "structure"] = "site"
+    kind: CompositeKind = "site"
     members: Annotated[tuple[Id, ...], Field(min_length=1, max_length=MOST_MEMBERS)]
     """Twins, and other composites, by their ids."""
     tree: GateModel | None = None

@@ -4,21 +4,21 @@ Each diagnosis is a process of its own (`python -m twin_server.diagnose FOLDER`)
 holds what it needs, and where it leaves what it found.
 """
 
-from .jobs import Ended, JobId, Jobs, Progress
-from .samples import NoSamplesError, Piece, part, pieces_of, within
-from .task import HISTORY, RAW, Outcome, Task, read_outcome, write_task
+from .jobs import DiagnosisProgress, Ended, JobId, Jobs
+from .samples import NoSamplesError, SamplePiece, part, pieces_of, within
+from .task import HISTORY, RAW, Task, TaskOutcome, read_outcome, write_task
 
 __all__ = [
     "HISTORY",
     "RAW",
+    "DiagnosisProgress",
     "Ended",
     "JobId",
     "Jobs",
     "NoSamplesError",
-    "Outcome",
-    "Piece",
-    "Progress",
+    "SamplePiece",
     "Task",
+    "TaskOutcome",
     "part",
     "pieces_of",
     "read_outcome",

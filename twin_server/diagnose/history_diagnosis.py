@@ -11,7 +11,7 @@ from slowtime_services.diagnose.history_document import (
     diagnose_with_document,
     write_history_results,
 )
-from slowtime_services.diagnose.history_table import History, Quantity, covariate
+from slowtime_services.diagnose.history_table import Quantity, TabulatedHistory, covariate
 
 from .task import HISTORY, Task
 
@@ -63,7 +63,7 @@ def diagnose_history(
 
 def read_task_history(
     folder: Path, *, of: str, quantity: Quantity, slow_time_unit: str
-) -> History:
+) -> TabulatedHistory:
     """Read the history that was left in a folder.
 
     Parameters
@@ -82,7 +82,7 @@ def read_task_history(
     Slow times, values, standard deviations and covariates.
     """
     with np.load(folder / HISTORY) as kept:
-        return History(
+        return TabulatedHistory(
             of=of,
             time=kept["slow_time"],
             value=kept["value"],

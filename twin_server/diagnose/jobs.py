@@ -29,7 +29,7 @@ from twin_server.fairness import (
 from twin_server.identity.principals import site_of
 from twin_server.settings import DiagnoseSettings
 
-from .task import Outcome, read_outcome
+from .task import TaskOutcome, read_outcome
 
 logger = logging.getLogger(__name__)
 
@@ -43,7 +43,7 @@ _EVERY_S = 0.05
 """Interval at which a running process is looked at [s]."""
 
 
-class Progress(NamedTuple):
+class DiagnosisProgress(NamedTuple):
     """Progress of a diagnosis.
 
     Parameters
@@ -67,7 +67,7 @@ class Ended(NamedTuple):
 
     state: Literal["done", "failed", "cancelled"]
     error: str = ""
-    outcome: Outcome | None = None
+    outcome: TaskOutcome | None = None
 
 
 class JobId(NamedTuple):
@@ -180,7 +180,7 @@ class Jobs:
         self._ended(job, Ended("cancelled", "It was cancelled before it began."))
         return True
 
-    def progress(self, job: JobId) -> Progress | None:
+    def progress(self, job: JobId) -> DiagnosisProgress | None:
         """Return the progress of a diagnosis; None where it neither waits nor runs.
 
         Of those ahead of it, only those of its site are counted: who may see it need not know
@@ -190,13 +190,13 @@ class Jobs:
             for one in self._running:
                 if one.id == job:
                     seconds = one.turn.running_s() if one.turn is not None else 0.0
-                    return Progress("running", one.stage, one.share, seconds)
+                    return DiagnosisProgress("running", one.stage, one.share, seconds)
             before = list(self._running)
             for one in self._queue:
                 if one.id == job:
                     ahead = sum(other.id.site == job.site for other in before)
                     stage = f"waiting, {ahead} of its site ahead of it"
-                    return Progress("queued", stage, 0.0, 0.0)
+                    return DiagnosisProgress("queued", stage, 0.0, 0.0)
                 before.append(one)
         return None
 

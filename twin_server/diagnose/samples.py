@@ -15,7 +15,7 @@ class NoSamplesError(ValueError):
     """No samples to diagnose; the text says what to do."""
 
 
-class Piece(NamedTuple):
+class SamplePiece(NamedTuple):
     """Samples in a row, of one epoch or of one continuous run."""
 
     record: Record
@@ -27,7 +27,7 @@ class Piece(NamedTuple):
         return len(self.record.samples) / self.record.rate_hz
 
 
-def pieces_of(blocks: Iterable[Block]) -> list[Piece]:
+def pieces_of(blocks: Iterable[Block]) -> list[SamplePiece]:
     """Join blocks that follow each other; a gap, a new epoch or another rate begins a piece.
 
     Pieces of one nominal rate have one measured rate, where the corrections of their blocks
@@ -72,7 +72,7 @@ def _goes_on(last: Block, block: Block) -> bool:
     )
 
 
-def _concatenate(run: list[Block], joint: JointCorrection | None) -> Piece:
+def _concatenate(run: list[Block], joint: JointCorrection | None) -> SamplePiece:
     first = run[0]
     rate_hz, notes = measured_rate(first.rate_hz, joint)
     record = Record(
@@ -83,10 +83,12 @@ def _concatenate(run: list[Block], joint: JointCorrection | None) -> Piece:
         start_ns=first.start_ns,
         notes=notes,
     )
-    return Piece(in_si(record), first.epoch)
+    return SamplePiece(in_si(record), first.epoch)
 
 
-def within(pieces: Iterable[Piece], start_ns: int | None, end_ns: int | None) -> list[Piece]:
+def within(
+    pieces: Iterable[SamplePiece], start_ns: int | None, end_ns: int | None
+) -> list[SamplePiece]:
     """Cut pieces to a span of the sensor's time; those outside are left out."""
     found = []
     for piece in pieces:
@@ -101,7 +103,9 @@ def within(pieces: Iterable[Piece], start_ns: int | None, end_ns: int | None) ->
     return found
 
 
-def held_back(pieces: list[Piece], seconds: float) -> tuple[list[Piece], list[Piece]]:
+def held_back(
+    pieces: list[SamplePiece], seconds: float
+) -> tuple[list[SamplePiece], list[SamplePiece]]:
     """Part pieces in those to learn from and the last `seconds`, to judge by.
 
     Whole pieces where that leaves something to learn from; the one it falls in is cut.
@@ -117,7 +121,7 @@ def held_back(pieces: list[Piece], seconds: float) -> tuple[list[Piece], list[Pi
     -------
     Pieces to learn from, and held-out pieces.
     """
-    judged: list[Piece] = []
+    judged: list[SamplePiece] = []
     learnt, left = list(pieces), seconds
     while learnt and left > 1e-9:
         last = learnt.pop()
@@ -138,7 +142,7 @@ def held_back(pieces: list[Piece], seconds: float) -> tuple[list[Piece], list[Pi
     return learnt, judged[::-1]
 
 
-def part(piece: Piece, first: int, last: int) -> Piece:
+def part(piece: SamplePiece, first: int, last: int) -> SamplePiece:
     """Cut rows `first` to `last` out of a piece."""
     record = piece.record
     begins = (record.start_ns or 0) + round(first * 1e9 / record.rate_hz)
@@ -150,7 +154,7 @@ def part(piece: Piece, first: int, last: int) -> Piece:
         start_ns=begins,
         notes=record.notes,
     )
-    return Piece(cut, piece.epoch)
+    return SamplePiece(cut, piece.epoch)
 
 
 def bounded(blocks: Iterable[Block], max_samples: int, max_seconds: float) -> Iterator[Block]:

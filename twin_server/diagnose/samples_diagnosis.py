@@ -20,7 +20,7 @@ from slowtime_services.models import description_of
 from slowtime_services.plugins.effect_kinds import known
 from slowtime_services.replay import raw_blocks
 
-from .samples import NoSamplesError, Piece, bounded, held_back, pieces_of, within
+from .samples import NoSamplesError, SamplePiece, bounded, held_back, pieces_of, within
 from .task import Task
 
 
@@ -74,7 +74,7 @@ def diagnose_samples(
     write_results(folder, found, document)
 
 
-def _value_notes(pieces: Sequence[Piece]) -> tuple[str, ...]:
+def _value_notes(pieces: Sequence[SamplePiece]) -> tuple[str, ...]:
     """Say once of each value that is no measurement, in any piece."""
     said: list[str] = []
     for piece in pieces:
@@ -85,7 +85,7 @@ def _value_notes(pieces: Sequence[Piece]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(said))
 
 
-def _pieces(task: Task) -> tuple[list[Piece], list[Piece]]:
+def _pieces(task: Task) -> tuple[list[SamplePiece], list[SamplePiece]]:
     order = task.order
     span = (None, None) if order.recordings is None else order.recordings.span_ns
     learnt = _read(task, task.recordings, span)
@@ -100,7 +100,7 @@ def _pieces(task: Task) -> tuple[list[Piece], list[Piece]]:
 
 def _read(
     task: Task, paths: Sequence[Path], span: tuple[int | None, int | None]
-) -> list[Piece]:
+) -> list[SamplePiece]:
     blocks = itertools.chain.from_iterable(_blocks(task, path, span) for path in paths)
     pieces = pieces_of(bounded(blocks, task.max_samples, task.max_seconds))
     found = within(pieces, *span)
@@ -120,7 +120,7 @@ def _blocks(task: Task, path: Path, span: tuple[int | None, int | None]) -> Iter
             yield block
 
 
-def _long_enough(pieces: list[Piece]) -> list[Piece]:
+def _long_enough(pieces: list[SamplePiece]) -> list[SamplePiece]:
     kept = [piece for piece in pieces if len(piece.record.samples) >= MIN_SAMPLES]
     if not kept:
         longest = max(len(piece.record.samples) for piece in pieces)
@@ -131,7 +131,7 @@ def _long_enough(pieces: list[Piece]) -> list[Piece]:
     return kept
 
 
-def _sources(pieces: Sequence[Piece]) -> list[Source]:
+def _sources(pieces: Sequence[SamplePiece]) -> list[Source]:
     return [
         Source(
             f"record {number}" if piece.epoch is None else f"epoch {piece.epoch}",

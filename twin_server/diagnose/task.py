@@ -6,14 +6,15 @@ from typing import Literal, NamedTuple
 from pydantic import Field
 
 from slowtime_schemas.files.model_v2 import AnyLineModel
-from twin_server.orders import DiagnosisOrder, Frozen
+from slowtime_schemas.quantities import Immutable
+from twin_server.orders import DiagnosisOrder
 
 TASK, RAW, HISTORY, REPORT, PAGE, AUGMENTED = (
     "task.json", "raw.mcap", "history.npz", "report.json", "report.html", "augmented.yaml",
 )  # fmt: skip
 
 
-class Task(Frozen):
+class Task(Immutable):
     """Task of a diagnosis: data, model and settings.
 
     Parameters
@@ -49,7 +50,7 @@ class Task(Frozen):
     max_memory_bytes: int = Field(default=2 * 2**30, ge=1)
 
 
-class Outcome(NamedTuple):
+class TaskOutcome(NamedTuple):
     """Result files of a diagnosis."""
 
     report: str
@@ -62,7 +63,7 @@ def write_task(folder: Path, task: Task) -> None:
     (folder / TASK).write_text(task.model_dump_json(), encoding="utf-8")
 
 
-def read_outcome(folder: Path) -> Outcome:
+def read_outcome(folder: Path) -> TaskOutcome:
     """Read the outcome that the process has written.
 
     Raises
@@ -73,7 +74,7 @@ def read_outcome(folder: Path) -> Outcome:
         Where what it has left is no text.
     """
     model = folder / AUGMENTED
-    return Outcome(
+    return TaskOutcome(
         (folder / REPORT).read_text(encoding="utf-8"),
         (folder / PAGE).read_bytes(),
         model.read_text(encoding="utf-8") if model.exists() else "",

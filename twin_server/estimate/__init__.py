@@ -1,9 +1,9 @@
 """Second stage of the twin: features in order in; states with intervals and notices out."""
 
-from .change_detection import ChangeDetector, DetectedChange
+from .change_detection import DetectedChange, Detector
 from .checkpoint import Checkpoint, Twin
 from .covariates.messages import normal_of
-from .estimator import Estimated, estimate
+from .estimator import Estimates, estimate
 from .forecast.changes import (
     ChangeForecast,
     ForecastState,
@@ -30,12 +30,12 @@ from .response.simulation import OrderError, Simulated, check, simulate
 from .risk import RiskOrder, risk_answer
 
 __all__ = [
-    "ChangeDetector",
     "ChangeForecast",
     "Checkpoint",
     "CurrentStructure",
     "DetectedChange",
-    "Estimated",
+    "Detector",
+    "Estimates",
     "ForecastState",
     "LearntLaws",
     "NotPlannableError",

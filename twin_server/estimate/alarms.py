@@ -16,7 +16,7 @@ from twin_server.history.states import BEGINNING, MEASURED_BEFORE, States, sente
 from twin_server.registration.thresholds import Alarm, shown, signed
 from twin_server.registration.twin import Registration
 
-from .checkpoint import Belief, Checkpoint
+from .checkpoint import Checkpoint, SteadyFlag
 from .notices import Notice
 
 Estimates: TypeAlias = Float[np.ndarray, "time 4"]
@@ -64,11 +64,11 @@ def follow_alarms(
 
 
 def _follow(
-    belief: Belief,
+    belief: SteadyFlag,
     speaks_for: Bool[np.ndarray, " time"],
     speaks_against: Bool[np.ndarray, " time"],
     confirm: int,
-) -> tuple[Belief, list[tuple[int, bool]]]:
+) -> tuple[SteadyFlag, list[tuple[int, bool]]]:
     """Return the belief after these readings, and the rows at which the alarm changes.
 
     A reading that neither supports nor contradicts the alarm does not end a row of readings.
@@ -86,7 +86,7 @@ def _follow(
         if against >= confirm:
             holds, against = not holds, 0
             flips.append((row, holds))
-    return Belief(holds, against), flips
+    return SteadyFlag(holds, against), flips
 
 
 def _evidence(

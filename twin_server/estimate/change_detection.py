@@ -65,7 +65,7 @@ class DetectedChange:
 
 
 @dataclasses.dataclass(slots=True)
-class ChangeDetector:
+class Detector:
     """Change detector of one quantity; `take` returns the detected changes.
 
     Parameters

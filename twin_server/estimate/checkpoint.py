@@ -33,7 +33,7 @@ class NominalInUse:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Belief:
+class SteadyFlag:
     """One yes or no that is changed only by several readings in a row.
 
     Parameters
@@ -73,8 +73,8 @@ class Checkpoint:
 
     known: NominalInUse | None = None
     learning: tuple[Epoch, ...] = ()
-    trusted: Belief = Belief(True)
-    raised: tuple[Belief, ...] = ()
+    trusted: SteadyFlag = SteadyFlag(True)
+    raised: tuple[SteadyFlag, ...] = ()
     elements: Memory | None = None
     training: Training | None = None
     condition: Condition | None = None
@@ -91,7 +91,7 @@ class Checkpoint:
             )
         return cls(
             known=known,
-            raised=(Belief(False),) * len(registration.watched()),
+            raised=(SteadyFlag(False),) * len(registration.watched()),
             elements=Memory() if registration.changes == "elements" else None,
         )
 
@@ -107,8 +107,8 @@ class Checkpoint:
         return cls(
             known=NominalInUse(**known) if known else None,
             learning=tuple((f, s, z, e) for f, s, z, e in content["learning"]),
-            trusted=Belief(**content["trusted"]),
-            raised=tuple(Belief(**belief) for belief in content["raised"]),
+            trusted=SteadyFlag(**content["trusted"]),
+            raised=tuple(SteadyFlag(**belief) for belief in content["raised"]),
             elements=None if elements is None else Memory.from_dict(elements),
             training=training_of(content.get("training")),
             condition=condition_of(content.get("condition")),

@@ -12,7 +12,7 @@ from slowtime_schemas.messages import Mode as MessageMode
 from twin_server.history import states as st
 from twin_server.history.details import Detail
 from twin_server.history.states import States
-from twin_server.registration.structure import MASS, Model
+from twin_server.registration.structure import MASS, ElementModel
 from twin_server.registration.twin import Registration
 
 from .alarms import Estimates, follow_alarms
@@ -20,7 +20,7 @@ from .checkpoint import Checkpoint
 from .columns import without_covariates
 from .covariates import messages
 from .elements import EpochEstimate, TrackedEpochs, told_shape, track_epochs, units_of
-from .elements.memory import Memory, Suspicion
+from .elements.memory import ChangeSuspicion, Memory
 from .notices import Notice
 from .renewals import follow_renewals
 
@@ -126,7 +126,7 @@ def _by_parameter(
     return {name: np.ascontiguousarray(table[:, i]) for i, name in enumerate(names)}
 
 
-def _detail(reading: EpochEstimate, model: Model, freed: bool) -> Detail:
+def _detail(reading: EpochEstimate, model: ElementModel, freed: bool) -> Detail:
     names, features = model.free, reading.features
     changes = np.full((len(names), 3), np.nan)
     elements, ratios = {}, {}
@@ -162,7 +162,7 @@ def _truth(features: Features, names: Sequence[str], freed: bool) -> dict[str, f
 
 
 def _mode(
-    mode: MessageMode, number: int | None, features: Features, model: Model
+    mode: MessageMode, number: int | None, features: Features, model: ElementModel
 ) -> dict[str, object] | None:
     """One mode as the twin took it in; None where a number leaves the range of floats."""
     frequency = _numbers(mode.frequency_hz.value, mode.frequency_hz.sd)
@@ -214,7 +214,7 @@ def _lesson(found: TrackedEpochs, row: int, count: int) -> Notice:
 
 
 def _doubted_units(
-    memory: Memory, features: Sequence[Features], model: Model
+    memory: Memory, features: Sequence[Features], model: ElementModel
 ) -> tuple[Memory, list[Notice]]:
     """Make the notice of channels with doubtful units, if they have changed."""
     notices = []
@@ -253,11 +253,11 @@ def _of_covariates(
 
 
 def _suspected(
-    suspicions: Sequence[Suspicion],
+    suspicions: Sequence[ChangeSuspicion],
     readings: Sequence[EpochEstimate],
     new: Bool[np.ndarray, " time"],
     confirm: int,
-) -> tuple[tuple[Suspicion, ...], list[Notice]]:
+) -> tuple[tuple[ChangeSuspicion, ...], list[Notice]]:
     """Confirm suspected elements: several readings in a row must suspect the same."""
     held = {one.word: one for one in suspicions}
     notices = []
@@ -266,11 +266,11 @@ def _suspected(
             continue
         seen = {suspect.word: suspect for suspect in reading.suspects}
         for word in (*held, *(word for word in seen if word not in held)):
-            before = held.get(word, Suspicion(word))
+            before = held.get(word, ChangeSuspicion(word))
             against = before.against + 1 if (word in seen) != before.holds else 0
             held[word] = dataclasses.replace(before, against=against)
             if against >= confirm:
-                held[word] = Suspicion(word, not before.holds)
+                held[word] = ChangeSuspicion(word, not before.holds)
                 notices.append(_changed(row, reading, word, holds=not before.holds))
         held = {word: one for word, one in held.items() if one.holds or one.against}
     return tuple(held.values()), notices

@@ -43,7 +43,7 @@ _UNKNOWN = 1e3
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Estimated:
+class Estimates:
     """Estimates of some features of many twins.
 
     Parameters
@@ -70,7 +70,7 @@ def estimate(
     owners: Sequence[int],
     missing_before: Sequence[int],
     covered: Sequence[float] = (),
-) -> Estimated:
+) -> Estimates:
     """Estimate the states of `twins` from their next features.
 
     Parameters
@@ -111,7 +111,7 @@ def estimate(
         checkpoints[place], renewed = follow_renewals(checkpoints[place], theirs)
         seen = sorted(renewed + learnt[place] + seen, key=lambda notice: notice.row)
         notices.append([notice._replace(row=int(rows[notice.row])) for notice in seen])
-    return Estimated(states, checkpoints, notices)
+    return Estimates(states, checkpoints, notices)
 
 
 def _estimate_by_kind(
@@ -121,7 +121,7 @@ def _estimate_by_kind(
     missing_before: Sequence[int],
     covered: Sequence[float],
     of_elements: Sequence[bool],
-) -> Estimated:
+) -> Estimates:
     """Estimate twins of elements one by one, and all others together."""
     rows_of = _rows_by_owner(np.asarray(owners, dtype=np.intp), len(twins))
     states, checkpoints = st.blank(len(features)), [twin.checkpoint for twin in twins]
@@ -159,7 +159,7 @@ def _estimate_by_kind(
         ):
             checkpoints[place] = checkpoint
             notices[place] = [notice._replace(row=rows[notice.row]) for notice in seen]
-    return Estimated(states, checkpoints, notices, details)
+    return Estimates(states, checkpoints, notices, details)
 
 
 def _rows_by_owner(owner: Int[np.ndarray, " time"], count: int) -> list[Int[np.ndarray, " _"]]:

@@ -57,9 +57,7 @@ EXAMPLES: list[Any] = [
 class AssetEventOrder(EventContent):
     """A report of something that happened to an asset: what, when, and by whom."""
 
-    model_config = ConfigDict(
-        frozen=True, extra="forbid", json_schema_extra={"examples": EXAMPLES}
-    )
+    model_config = ConfigDict(json_schema_extra={"examples": EXAMPLES})
 
     event: EventName
     at: Annotated[

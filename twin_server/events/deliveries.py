@@ -7,13 +7,11 @@ anew: it is made of what the event is about, not of where it stands in the datab
 import hashlib
 import json
 from collections.abc import Mapping
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
-State = Literal["waiting", "late", "delivered", "failed", "dropped"]
-"""`late`: of readings that were old on arrival, sent once newer ones say the same; `failed`:
-given up; `dropped`: of no interest any more, such as a reminder of an alarm that has ended."""
+from slowtime_schemas.answers.alarms import DeliveryState
 
-OPEN: tuple[State, ...] = ("waiting", "late")
+OPEN: tuple[DeliveryState, ...] = ("waiting", "late")
 
 ALARM = "alarm"
 ENTERED = "change_entered"
@@ -59,7 +57,7 @@ class Delivery(NamedTuple):
     severity: str
     reminder: int
     remind_s: float
-    state: State
+    state: DeliveryState
     tries: int
     created_ns: int
     due_ns: int
@@ -86,7 +84,7 @@ class Delivery(NamedTuple):
         )
 
 
-class Acknowledgement(NamedTuple):
+class AlarmAcknowledgement(NamedTuple):
     """Acknowledgement of an alarm by a person.
 
     Parameters
@@ -107,12 +105,12 @@ class Acknowledgement(NamedTuple):
     note: str
 
 
-class Tally(NamedTuple):
+class DeliveryTally(NamedTuple):
     """Number of deliveries of a twin to a receiver in one state, and since when."""
 
     twin: str
     receiver: str
-    state: State
+    state: DeliveryState
     number: int
     oldest_ns: int
 

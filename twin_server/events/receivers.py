@@ -10,7 +10,7 @@ from urllib.parse import urlsplit
 
 from pydantic import Field, model_validator
 
-from twin_server.orders import Frozen
+from slowtime_schemas.quantities import Immutable
 
 ReceiverName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,31}$")]
 Host = Annotated[str, Field(pattern=r"^[A-Za-z0-9._:-]{1,253}$")]
@@ -19,7 +19,7 @@ Address = Annotated[str, Field(pattern=r"^[^@\s<>\",]{1,64}@[A-Za-z0-9.-]{1,253}
 _LOOPBACK = ("localhost", "127.0.0.1", "::1")
 
 
-class _Receiver(Frozen):
+class _Receiver(Immutable):
     sites: Annotated[
         tuple[str, ...] | None, Field(description="Whose twins may use it; null for all.")
     ] = None
@@ -161,7 +161,7 @@ Receiver = Annotated[
 ]
 
 
-class AlarmSettings(Frozen):
+class AlarmSettings(Immutable):
     """Receivers of events, and how they are sent.
 
     Examples
@@ -194,7 +194,7 @@ class AlarmSettings(Frozen):
         return {name: one for name, one in self.receivers.items() if one.may_serve(site)}
 
 
-class AlarmRoute(Frozen):
+class AlarmRoute(Immutable):
     """Which events of a twin go to a receiver."""
 
     receiver: Annotated[

@@ -18,7 +18,7 @@ _STEP_S = 0.05
 """Time that the network loop waits at once [s]."""
 
 
-class Mqtt:
+class MqttSender:
     """Sends to one receiver, by one connection a message.
 
     Raises

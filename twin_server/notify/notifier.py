@@ -16,7 +16,7 @@ from twin_server.events.deliveries import Delivery, happened_ns, subject
 from twin_server.events.receivers import AlarmSettings
 
 from .backoff import LONGEST_WAIT_S, retry_delay_s
-from .receiver_queue import Outcome, ReceiverQueue
+from .receiver_queue import Attempted, ReceiverQueue
 from .senders import Sender
 
 logger = logging.getLogger(__name__)
@@ -94,7 +94,7 @@ class Notifier:
         clock: Clock,
     ) -> None:
         self._settings, self._store, self._clock = settings, store, clock
-        self._outcomes: list[Outcome] = []
+        self._outcomes: list[Attempted] = []
         self._lock = threading.Lock()
         self._wake, self._stop = threading.Event(), threading.Event()
         self._minded_s = self._forgot_s = -1e9
@@ -140,7 +140,7 @@ class Notifier:
         """Check for due deliveries at once."""
         self._wake.set()
 
-    def _hear(self, outcome: Outcome) -> None:
+    def _hear(self, outcome: Attempted) -> None:
         with self._lock:
             self._outcomes.append(outcome)
         self._wake.set()
@@ -200,7 +200,7 @@ class Notifier:
         for one in settled:
             self._queues[one.receiver].settled(one)
 
-    def _after(self, outcome: Outcome, now_ns: int) -> Delivery:
+    def _after(self, outcome: Attempted, now_ns: int) -> Delivery:
         """Return a delivery after an attempt: delivered, waiting for the next, or failed."""
         before = outcome.delivery
         tries = before.tries + 1

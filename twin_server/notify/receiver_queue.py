@@ -18,7 +18,7 @@ _WAITING_OF_EACH = 16
 """Messages that a thread has before it: their outcomes wait for the disk together."""
 
 
-class Outcome(NamedTuple):
+class Attempted(NamedTuple):
     """Outcome of one attempt.
 
     Parameters
@@ -50,7 +50,7 @@ class ReceiverQueue:
         sender: Sender,
         concurrency: int,
         settings: AlarmSettings,
-        tell: Callable[[Outcome], None],
+        tell: Callable[[Attempted], None],
     ) -> None:
         self.name = name
         self._sender, self._settings, self._tell = sender, settings, tell
@@ -113,12 +113,12 @@ class ReceiverQueue:
         while (delivery := self._given.get()) is not None:
             self._tell(self._attempt(delivery))
 
-    def _attempt(self, delivery: Delivery) -> Outcome:
+    def _attempt(self, delivery: Delivery) -> Attempted:
         try:
             said = self._sender.send(message_of(delivery, self._settings))
         except NotDeliveredError as error:
-            return Outcome(delivery, False, str(error), error.wait_s)
+            return Attempted(delivery, False, str(error), error.wait_s)
         except Exception as error:  # a fault of ours costs this attempt and no other
             logger.exception("%s could not be sent to %s.", delivery.key, self.name)
-            return Outcome(delivery, False, f"A fault of the server: {type(error).__name__}.")
-        return Outcome(delivery, True, said)
+            return Attempted(delivery, False, f"A fault of the server: {type(error).__name__}.")
+        return Attempted(delivery, True, said)

@@ -7,7 +7,7 @@ from twin_server.events.receivers import AlarmSettings
 
 from .mail import Email
 from .message import Message, NotDeliveredError
-from .mqtt import Mqtt
+from .mqtt import MqttSender
 from .plugin import PluginSender
 from .webhook import Webhook
 
@@ -31,7 +31,7 @@ class Sender(Protocol):
 KINDS: Mapping[str, Callable[[Any], Sender]] = {
     "webhook": Webhook,
     "email": Email,
-    "mqtt": Mqtt,
+    "mqtt": MqttSender,
     "own": PluginSender,
 }
 

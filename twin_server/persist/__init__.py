@@ -16,7 +16,7 @@ from .factory import is_url, note_path, open_store
 from .ledger_audit import Audit, audit
 from .postgres import PostgresStore, audit_url, without_secret
 from .sqlite import SqliteStore, audit_file, verify_file
-from .store import History, Store, WriteBatch
+from .store import Store, StoredHistory, WriteBatch
 from .tables.composites import CompositeRow
 from .tables.diagnoses import DiagnosisRow
 from .tables.fatigue import HOUR_NS, FatigueRow
@@ -39,7 +39,6 @@ __all__ = [
     "FeatureRow",
     "FileNote",
     "HeadRow",
-    "History",
     "OutlookRow",
     "PostgresStore",
     "RowNote",
@@ -49,6 +48,7 @@ __all__ = [
     "Store",
     "StoreError",
     "StoreInUseError",
+    "StoredHistory",
     "TwinRow",
     "WriteBatch",
     "WrongStoreError",

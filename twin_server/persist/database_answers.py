@@ -49,7 +49,7 @@ class Away:
             raise StoreError(self._text)
 
 
-class Deadlines:
+class ConnectionDeadlines:
     """Ends connections whose server does not answer in good time.
 
     Parameters

@@ -28,7 +28,7 @@ SIDE_FILES = ("-wal", "-shm")
 """Ends of the names of the write-ahead log and of its index."""
 
 
-class Kind(enum.Enum):
+class GroundKind(enum.Enum):
     """What has become of the files."""
 
     AWAY = "away"
@@ -44,7 +44,7 @@ class Kind(enum.Enum):
 class Fault(NamedTuple):
     """What is wrong, for a person."""
 
-    kind: Kind
+    kind: GroundKind
     text: str
 
 
@@ -102,18 +102,18 @@ class Ground:
             if not self._changing and (self._look() != self._looks or self._has_shrunk()):
                 self._overwritten = True
         if self._overwritten:
-            return Fault(Kind.OVERWRITTEN, self._text_of_overwritten())
+            return Fault(GroundKind.OVERWRITTEN, self._text_of_overwritten())
         for path, identity in self._identities.items():
             found = _identity(path)
             if found == identity:
                 continue
             if path != self._path:
-                return Fault(Kind.REPLACED, self._text_of_side_file(path))
+                return Fault(GroundKind.REPLACED, self._text_of_side_file(path))
             if self._names() == 0:
-                return Fault(Kind.DELETED, self._text_of_deleted())
+                return Fault(GroundKind.DELETED, self._text_of_deleted())
             if found is None:
-                return Fault(Kind.AWAY, self._text_of_away())
-            return Fault(Kind.REPLACED, self._text_of_replaced())
+                return Fault(GroundKind.AWAY, self._text_of_away())
+            return Fault(GroundKind.REPLACED, self._text_of_replaced())
         return None
 
     def close(self) -> None:

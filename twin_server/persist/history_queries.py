@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from twin_server.history.buckets import Buckets, thin
 from twin_server.history.states import States, from_bytes
 
-from .store import History, ThinnedHistory
+from .store import StoredHistory, ThinnedHistory
 from .tables.checksums import FEATURES
 from .tables.details import changes, column, has_details
 from .tables.levels import coarse
@@ -35,7 +35,7 @@ def select_history(
     after: tuple[int, int] | None,
     limit: int | None,
     newest: bool,
-) -> History:
+) -> StoredHistory:
     """Read the states of a twin in order.
 
     Parameters
@@ -129,9 +129,9 @@ def _history(
     states: States,
     keys: Sequence[int],
     boots: dict[int, tuple[str, str]],
-) -> History:
+) -> StoredHistory:
     bodies = column(reader, keys, "body") if has_details(reader, keys) else ()
-    return History(states, [key >> SHIFT for key in keys], boots, bodies)
+    return StoredHistory(states, [key >> SHIFT for key in keys], boots, bodies)
 
 
 def select_boots(reader: Connection, twin_id: str) -> list[tuple[int, bytes, int]]:

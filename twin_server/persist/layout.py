@@ -32,7 +32,7 @@ from .tables.checksums import (
     OUTLOOKS,
     QUARANTINE,
     TABLES,
-    Table,
+    SqlTable,
 )
 from .tables.digests import HistoryHasher, RollingHash
 from .tables.ledger import ChainEnds, build_ledger
@@ -60,7 +60,7 @@ WITHOUT_LEVELS = 256 * LAYOUT + 4
 _OLDER = tuple(range(256 * LAYOUT + 1, VERSION))
 _LATER = (LEDGER, HEADS, ASSET_EVENTS, FATIGUE, COMPOSITES, QUARANTINE, OUTLOOKS)
 _OF_ALARMS = (DELIVERIES, ACKNOWLEDGEMENTS, *_LATER)
-LACKING: dict[int, tuple[Table, ...]] = {
+LACKING: dict[int, tuple[SqlTable, ...]] = {
     WITHOUT_OUTLOOKS: (OUTLOOKS,),
     WITHOUT_CHAINED_ROWS: (OUTLOOKS,),
     WITHOUT_QUARANTINE: _LATER[5:],
@@ -104,7 +104,7 @@ def _for_postgres(text: str) -> str:
     return text
 
 
-def _making(tables: Iterable[Table]) -> Iterable[str]:
+def _making(tables: Iterable[SqlTable]) -> Iterable[str]:
     """Statements of the schema that make some tables and their indices."""
     begins = tuple(f"create table {t.name} " for t in tables)
     indices = tuple(f"create index {t.name}_" for t in tables)
@@ -128,7 +128,7 @@ create table tallies (
 """
 
 
-def _triggers(table: Table) -> str:
+def _triggers(table: SqlTable) -> str:
     new, old = (
         f"({' + '.join(f'{which}.{name}' for name, _ in table.seals)})"
         for which in ("new", "old")
@@ -179,7 +179,7 @@ def damages(
     return found or roller.wrong, roller.found
 
 
-def all_rows(reader: Any, table: Table) -> Iterable[tuple[Any, ...]]:
+def all_rows(reader: Any, table: SqlTable) -> Iterable[tuple[Any, ...]]:
     """Read a table, features in the order of their ids."""
     question = f"select {', '.join(table.all_columns)} from {table.name}"
     rows: Iterable[tuple[Any, ...]] = reader.execute(
@@ -282,7 +282,7 @@ def _add_lacking(writer: sqlite3.Connection, version: int) -> None:
         raise
 
 
-def _old_rows(writer: sqlite3.Connection, table: Table) -> Iterable[tuple[object, ...]]:
+def _old_rows(writer: sqlite3.Connection, table: SqlTable) -> Iterable[tuple[object, ...]]:
     return writer.execute(f"select {', '.join(table.columns)} from old_{table.name}")
 
 

@@ -15,7 +15,7 @@ from typing import Any
 from slowtime_services.ledger import Head
 
 from .attempts import RowNote
-from .database_answers import AWAY_S, Away, Deadlines
+from .database_answers import AWAY_S, Away, ConnectionDeadlines
 from .errors import DamagedStoreError, StoreError, StoreInUseError, WrongStoreError
 from .layout import (
     LACKING,
@@ -52,7 +52,7 @@ class _Connection:
         How long the answer to a statement may take until the connection is ended [s].
     """
 
-    def __init__(self, raw: Any, deadlines: Deadlines, answer_s: float) -> None:
+    def __init__(self, raw: Any, deadlines: ConnectionDeadlines, answer_s: float) -> None:
         self.raw, self._deadlines, self.answer_s = raw, deadlines, answer_s
 
     def execute(self, question: str, parameters: Sequence[Any] = (), /) -> Any:
@@ -97,7 +97,7 @@ class PostgresStore(SqlStore):
         # Of its own: whoever reads does not wait for whoever writes.
         self._idle_lock = threading.Lock()
         self._away = Away()
-        self._deadlines = Deadlines(self._away, self.name)
+        self._deadlines = ConnectionDeadlines(self._away, self.name)
         self._local = threading.local()
         self._idle: list[_Connection] = []
         self._closed = False
@@ -314,7 +314,7 @@ def audit_url(url: str, *, public: str | None = None, kept: Head | None = None) 
             psycopg.connect(url, autocommit=True, connect_timeout=10)
         ) as raw:
             # Of a large table the answer takes minutes.
-            reader = _Connection(raw, Deadlines(Away(), name), math.inf)
+            reader = _Connection(raw, ConnectionDeadlines(Away(), name), math.inf)
             reader.execute("begin isolation level repeatable read read only")
             version = reader.execute("select max(version) from layouts").fetchone()[0]
             if version != VERSION:

@@ -19,7 +19,7 @@ from .chains import Journal
 from .chains.journal import of_key
 from .history_queries import select_boots, select_history, select_neighbours, select_thinned
 from .records import SqlRecords
-from .store import History, ThinnedHistory, WriteBatch
+from .store import StoredHistory, ThinnedHistory, WriteBatch
 from .tables import asset_events as asset_events_table
 from .tables import deliveries as deliveries_table
 from .tables import ledger as ledger_table
@@ -239,7 +239,7 @@ class SqlStore(SqlRecords):
         after: tuple[int, int] | None = None,
         limit: int | None = None,
         newest: bool = False,
-    ) -> History:
+    ) -> StoredHistory:
         """States between two times, both included, or after (boot number, sequence)."""
         with self._reading() as reader:
             return select_history(reader, twin_id, t_ns, slow_time, after, limit, newest)

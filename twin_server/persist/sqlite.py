@@ -18,7 +18,7 @@ from slowtime_services.operating_system import same_file
 
 from .attempts import FileNote, note_of
 from .errors import DamagedStoreError, StoreError, WrongStoreError
-from .ground import Fault, Ground, Kind, lock_of, rescue, take_lock
+from .ground import Fault, Ground, GroundKind, lock_of, rescue, take_lock
 from .layout import APPLICATION, VERSION, bring_up_to_date, damages, schema
 from .ledger_audit import Audit, audit
 from .sql import SqlStore
@@ -246,10 +246,10 @@ class SqliteStore(SqlStore):
     def _secure(self, ground: Ground) -> None:
         """Save what was acknowledged from a log or a file that no next start will find."""
         fault = ground.fault()
-        if fault is None or self._rescuer is not None or fault.kind is Kind.OVERWRITTEN:
+        if fault is None or self._rescuer is not None or fault.kind is GroundKind.OVERWRITTEN:
             return
         self._copy_log(ground)  # into the file that was opened, wherever it is now
-        if fault.kind is Kind.DELETED:
+        if fault.kind is GroundKind.DELETED:
             self._rescuer = threading.Thread(
                 target=rescue, args=(self._writer, self.path), name="rescue"
             )

@@ -9,9 +9,10 @@ import dataclasses
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple, Protocol
 
+from slowtime_schemas.answers.alarms import DeliveryState
 from slowtime_services.ledger import Entry, Link
 from twin_server.events.asset_events import AssetEventRow
-from twin_server.events.deliveries import Acknowledgement, Delivery, State, Tally
+from twin_server.events.deliveries import AlarmAcknowledgement, Delivery, DeliveryTally
 from twin_server.history.buckets import Buckets
 from twin_server.history.details import Bodies
 from twin_server.history.states import States
@@ -48,14 +49,14 @@ class WriteBatch:
     """To be begun; one of an id that is there already is not begun again."""
     settled: list[Delivery] = dataclasses.field(default_factory=list)
     """What has become of some that were begun."""
-    acknowledgements: list[Acknowledgement] = dataclasses.field(default_factory=list)
+    acknowledgements: list[AlarmAcknowledgement] = dataclasses.field(default_factory=list)
     asset_events: list[AssetEventRow] = dataclasses.field(default_factory=list)
     """Of an id that a twin has already, the first stays."""
     aside: list[AsideRow] = dataclasses.field(default_factory=list)
     """Messages that are set aside."""
 
 
-class History(NamedTuple):
+class StoredHistory(NamedTuple):
     """Part of a twin's history: states, and to which boot each belongs."""
 
     states: States
@@ -70,7 +71,7 @@ class History(NamedTuple):
 class ThinnedHistory(NamedTuple):
     """Part of a history: some states, with statistics of all of them."""
 
-    history: History
+    history: StoredHistory
     bands: Buckets | None
     """Of all states; None where all of them are in `history`."""
 
@@ -140,7 +141,7 @@ class Store(Protocol):
         after: tuple[int, int] | None = None,
         limit: int | None = None,
         newest: bool = False,
-    ) -> History:
+    ) -> StoredHistory:
         """States between two times, both included, or after (boot number, sequence), in order.
 
         Parameters
@@ -224,7 +225,7 @@ class Store(Protocol):
         *,
         twin: str | None = None,
         receiver: str | None = None,
-        states: Sequence[State] = (),
+        states: Sequence[DeliveryState] = (),
         due_ns: int | None = None,
         limit: int = 100,
     ) -> list[Delivery]:
@@ -238,7 +239,7 @@ class Store(Protocol):
         """Store the outcome of open deliveries, and begin others."""
         ...
 
-    def tallies(self) -> list[Tally]:
+    def tallies(self) -> list[DeliveryTally]:
         """Count deliveries by twin, receiver and state."""
         ...
 
@@ -246,7 +247,7 @@ class Store(Protocol):
         """Drop those that ended before then."""
         ...
 
-    def acknowledgements(self, twin_id: str) -> dict[str, Acknowledgement]:
+    def acknowledgements(self, twin_id: str) -> dict[str, AlarmAcknowledgement]:
         """Read the acknowledged alarms of a twin, by the identity of the event."""
         ...
 

@@ -12,7 +12,7 @@ from .monitoring.model_changes import ModelChangeMonitor
 from .quarantine import QuarantineDesk
 from .recordings import Recordings
 from .registration_changes import RegistrationHistory
-from .workers.processes import CallerThread, WorkerProcesses, Workers
+from .workers.processes import CallerThread, WorkerPool, WorkerProcesses
 
 __all__ = [
     "Alarms",
@@ -31,6 +31,6 @@ __all__ = [
     "TwinKnowledge",
     "TwinUpdate",
     "UpdateListener",
+    "WorkerPool",
     "WorkerProcesses",
-    "Workers",
 ]

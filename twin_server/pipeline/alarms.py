@@ -14,9 +14,9 @@ from twin_server.events.deliveries import (
     LASTING,
     OPEN,
     TEST,
-    Acknowledgement,
+    AlarmAcknowledgement,
     Delivery,
-    Tally,
+    DeliveryTally,
     alarm_key,
     identity,
 )
@@ -187,7 +187,7 @@ class Alarms:
                 f"{twin_id}. GET /api/v1/twins/{twin_id}/alarms lists them.",
             )
         now_ns = self._clock.now_ns()
-        made = Acknowledgement(event_id, twin_id, now_ns, by, principal, note)
+        made = AlarmAcknowledgement(event_id, twin_id, now_ns, by, principal, note)
         said = f": {note}" if note else "."
         message = f"Acknowledged by {by}{said} The alarm: {found['message']}"
         details = {"event_id": event_id, "by": by, "token": principal, "note": note}
@@ -252,7 +252,7 @@ class Alarms:
             )
         return {"id": twin_id, "routes": routes, "deliveries": [_row(row) for row in rows]}
 
-    def tallies(self) -> list[Tally]:
+    def tallies(self) -> list[DeliveryTally]:
         """Count deliveries by twin, receiver and state."""
         return self._store.tallies()
 
@@ -324,7 +324,7 @@ def holds(twin: Twin | None, kind: str, details: Mapping[str, Any]) -> bool:
     )
 
 
-def _acknowledgement_document(made: Acknowledgement | None) -> dict[str, Any] | None:
+def _acknowledgement_document(made: AlarmAcknowledgement | None) -> dict[str, Any] | None:
     if made is None:
         return None
     return {"by": made.by, "token": made.principal, "note": made.note, "t_ns": made.t_ns}

@@ -28,7 +28,7 @@ CHANGED = "member_changed"
 Change = Literal["registered anew", "deleted"]
 
 
-class _Known(NamedTuple):
+class _KnownComposites(NamedTuple):
     """The composites in force, and the sites of each."""
 
     composites: Mapping[str, Composite]
@@ -159,7 +159,7 @@ class CompositeRegistry:
         return known.composites, principal, known.sites
 
     def _take(self, composites: Mapping[str, Composite]) -> None:
-        self._known = _Known(MappingProxyType(composites), sites_of(composites))
+        self._known = _KnownComposites(MappingProxyType(composites), sites_of(composites))
 
     def _is_twin(self, name: str) -> bool:
         return self._pipeline.twin(name) is not None

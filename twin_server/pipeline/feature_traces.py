@@ -1,7 +1,7 @@
 """Reports a trace span for each features message, from its arrival until it is durable."""
 
 from slowtime_services.clock import Clock
-from slowtime_services.tracing import Made, Traces
+from slowtime_services.tracing import Made, SpanTraces
 
 from .ingestion.pipeline import Pipeline
 from .ingestion.updates import TwinUpdate
@@ -10,7 +10,7 @@ from .ingestion.updates import TwinUpdate
 class FeatureTraces:
     """Reports trace spans of features that have become durable."""
 
-    def __init__(self, pipeline: Pipeline, traces: Traces, clock: Clock) -> None:
+    def __init__(self, pipeline: Pipeline, traces: SpanTraces, clock: Clock) -> None:
         self._pipeline, self._traces, self._clock = pipeline, traces, clock
 
     def tell(self, news: TwinUpdate) -> None:

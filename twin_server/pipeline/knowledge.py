@@ -12,7 +12,7 @@ from twin_server.estimate import ChangeForecast, current_changes, forecast_from_
 from twin_server.estimate.elements import spatial_scene
 from twin_server.identity.principals import Principal
 from twin_server.orders import SimulationOrder
-from twin_server.persist import History, Store
+from twin_server.persist import Store, StoredHistory
 from twin_server.registration.changes import Author
 from twin_server.registration.costs import RepairTerms
 from twin_server.registration.thresholds import Limit
@@ -33,7 +33,7 @@ from .ingestion.pipeline import Pipeline
 from .ingestion.routing import UnknownReceiverError
 from .ingestion.updates import TwinUpdate
 from .ledger_proofs import LedgerProofs
-from .workers.processes import CallerThread, Workers
+from .workers.processes import CallerThread, WorkerPool
 
 SHIFT = 40
 _LOOK_BACK = 1_000
@@ -66,7 +66,7 @@ class TwinKnowledge:
         *,
         bus: Bus | None = None,
         refresh: int = 25,
-        workers: Workers | None = None,
+        workers: WorkerPool | None = None,
         disagrees: Callable[[str], bool] = lambda _: False,
     ) -> None:
         self._pipeline, self._store, self._bus = pipeline, store, bus
@@ -388,7 +388,7 @@ def _outlook(foresight: ChangeForecast, unit: str | None) -> TwinForecast:
     )
 
 
-def _chapter(found: History) -> HistoryPart:
+def _chapter(found: StoredHistory) -> HistoryPart:
     boots = [found.boots[number] for number in found.number]
     return HistoryPart(
         found.states,

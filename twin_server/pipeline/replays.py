@@ -12,7 +12,7 @@ from typing import Any
 from slowtime_schemas.streams import Stream
 from slowtime_services.bus import Bus
 from slowtime_services.clock import SystemClock
-from slowtime_services.replay import Contents, Played, Progress, replay
+from slowtime_services.replay import Contents, Played, ReplayProgress, replay
 from twin_server.fairness import Holding, Processors, Turn
 from twin_server.serve import ProblemError
 from twin_server.settings import RecordingSettings
@@ -119,7 +119,7 @@ class Replay:
             while not goes_on.wait(LOOK_S) and not self.stop.is_set():
                 pass
 
-        def tell(progress: Progress) -> None:
+        def tell(progress: ReplayProgress) -> None:
             self.done, self.total = progress.done, progress.total
             self.sentence = f"{self.done:,} of {self.total:,} messages."
             wait()

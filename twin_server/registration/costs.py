@@ -6,8 +6,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Self
 from pydantic import Field, model_validator
 
 from slowtime.decisions import Cost, Costs
-from slowtime_schemas.quantities import PlainText
-from twin_server.orders import Frozen
+from slowtime_schemas.quantities import Immutable, PlainText
 
 from .thresholds import Number, Positive, Quantity
 
@@ -26,7 +25,7 @@ SECONDS: dict[TimeUnit, float] = {
 """Of calendar units; a slow time of any unit is converted by the pace of the history."""
 
 
-class CostLaw(Frozen):
+class CostLaw(Immutable):
     """A cost with a standard deviation; lognormal."""
 
     mean: NotNegative
@@ -50,7 +49,7 @@ def _cost(amount: float | CostLaw) -> Cost:
     return Cost(amount)
 
 
-class CostTable(Frozen):
+class CostTable(Immutable):
     """Costs, each a number or a law {mean, sd}, in one currency.
 
     Examples
@@ -112,7 +111,7 @@ class CostTable(Frozen):
         )
 
 
-class FailureLimit(Frozen):
+class FailureLimit(Immutable):
     """The value of a change at which the structure counts as failed."""
 
     quantity: Annotated[
@@ -148,7 +147,7 @@ class FailureLimit(Frozen):
         return value
 
 
-class Inspecting(Frozen):
+class Inspecting(Immutable):
     """Error and cost of an inspection that can be ordered."""
 
     name: Annotated[PlainText, Field(min_length=1, max_length=60)] = "inspection"
@@ -175,7 +174,7 @@ class Inspecting(Frozen):
         return self
 
 
-class MoreReadings(Frozen):
+class MoreReadings(Immutable):
     """A sensor, or a series of readings, that may be added."""
 
     name: Annotated[PlainText, Field(min_length=1, max_length=60)]
@@ -188,7 +187,7 @@ class MoreReadings(Frozen):
 Month = Annotated[int, Field(ge=1, le=12)]
 
 
-class RepairAccess(Frozen):
+class RepairAccess(Immutable):
     """When a repair can be done: months of the calendar, or windows of slow time."""
 
     months: Annotated[
@@ -220,7 +219,7 @@ class RepairAccess(Frozen):
         return self
 
 
-class Deciding(Frozen):
+class Deciding(Immutable):
     """Decisions about a twin: its failure limit, repairs and inspections."""
 
     failure: FailureLimit

@@ -20,10 +20,9 @@ from slowtime.limit_states import (
 )
 from slowtime_schemas.files.design import DesignLoad, DesignResponse
 from slowtime_schemas.files.reliability import RandomInput
-from slowtime_schemas.quantities import Plain, PlainText
+from slowtime_schemas.quantities import Immutable, Plain, PlainText
 from slowtime_services.problem_files.design import load_of, response_of
 from slowtime_services.problem_files.reliability import law_of
-from twin_server.orders import Frozen
 
 from .thresholds import Positive, Quantity
 
@@ -33,7 +32,7 @@ MASS, SPRING = "mass", "spring"
 """Node and element that stand for a twin of one mode without a model."""
 
 
-class _Named(Frozen):
+class _Named(Immutable):
     """Fields that all limit states share."""
 
     name: Name

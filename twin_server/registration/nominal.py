@@ -5,14 +5,13 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from slowtime_schemas.quantities import Plain, PlainText
-from twin_server.orders import Frozen
+from slowtime_schemas.quantities import Immutable, Plain, PlainText
 from twin_server.registration.thresholds import Number, Positive
 
 NotNegative = Annotated[float, Field(ge=0, lt=1e300, allow_inf_nan=False)]
 
 
-class Nominal(Frozen):
+class Nominal(Immutable):
     """The structure as it was, in modal or in physical quantities.
 
     Examples
@@ -66,7 +65,7 @@ class Nominal(Frozen):
         )
 
 
-class Covariates(Frozen):
+class Covariates(Immutable):
     """Measured covariates, temperature and load, whose effect on a frequency is removed.
 
     Training is over once it has spanned `train_span` and has had `train_epochs`. It must have

@@ -29,7 +29,7 @@ class ModelError(ValueError):
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Model:
+class ElementModel:
     """Structure, parameters and channels of a twin of elements, as arrays.
 
     Parameters
@@ -114,7 +114,7 @@ def model_of(
     parameters: Mapping[str, float] | None = None,
     *,
     prior_sd: float = 0.3,
-) -> Model:
+) -> ElementModel:
     """Prepare a description for estimation.
 
     Parameters
@@ -155,7 +155,7 @@ def model_of(
         dof_names=parts.names,
     )
     free = tuple(name for name in known if name in wanted)
-    return Model(
+    return ElementModel(
         whole,
         _tolerance(description, whole),
         free,

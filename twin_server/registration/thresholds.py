@@ -4,8 +4,7 @@ from typing import Annotated, Literal, NamedTuple, Self
 
 from pydantic import Field, model_validator
 
-from slowtime_schemas.quantities import Plain
-from twin_server.orders import Frozen
+from slowtime_schemas.quantities import Immutable, Plain
 
 Positive = Annotated[float, Field(gt=0, lt=1e300, allow_inf_nan=False)]
 Number = Annotated[float, Field(allow_inf_nan=False)]
@@ -82,7 +81,7 @@ class Limit(NamedTuple):
     toward: Literal["below", "above"] | None = None
 
 
-class Alarm(Frozen):
+class Alarm(Immutable):
     """A limit to be warned of, once it is passed with the certainty asked for."""
 
     quantity: Annotated[
@@ -110,14 +109,14 @@ class Alarm(Frozen):
         return "above", self.above
 
 
-class Threshold(Frozen):
+class Threshold(Immutable):
     """A value of a change, and the question when it will be reached."""
 
     quantity: Quantity
     at: Annotated[float, Field(ge=-1.0, le=1e6, examples=[-0.2])]
 
 
-class Forecasting(Frozen):
+class Forecasting(Immutable):
     """Settings of the forecast.
 
     The limits of its alarms are thresholds as well.

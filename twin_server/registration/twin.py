@@ -9,21 +9,21 @@ from pydantic import BeforeValidator, ConfigDict, Field, ValidationError, model_
 
 from slowtime_schemas.files.model import ModelFile
 from slowtime_schemas.files.model_v2 import AnyLineModel, line_model
-from slowtime_schemas.quantities import AS_STORED, Plain
+from slowtime_schemas.quantities import AS_STORED, Immutable, Plain
 from slowtime_services.documents.bounds import document_text
 from slowtime_services.documents.json_documents import read_json
 from slowtime_services.documents.toml_documents import read_toml
 from slowtime_services.models import description_of
 from slowtime_services.reasons import reason_of
 from twin_server.events.receivers import AlarmRoute
-from twin_server.orders import Adopted, Frozen
+from twin_server.orders import Adopted
 from twin_server.registration.nominal import Covariates, Nominal
 
 from .costs import COSTS_EXAMPLE, DECISION_EXAMPLE, CostTable, Deciding
 from .finite_elements import self_contained
 from .limit_states import EXAMPLE as LIMIT_STATES_EXAMPLE
 from .limit_states import LimitStateSpec, ThresholdState
-from .structure import Model, model_of
+from .structure import ElementModel, model_of
 from .thresholds import Alarm, Forecasting, Limit
 
 MODEL_EXAMPLE: dict[str, Any] = {
@@ -55,7 +55,7 @@ _OF_ONE_MODE = ("frequency_hz", "damping_ratio", "stiffness_change", "mass_chang
 _EACH = "elements"
 
 
-class Registration(Frozen):
+class Registration(Immutable):
     """One twin: its free parameters, nominal model, and alarms.
 
     Examples
@@ -65,8 +65,6 @@ class Registration(Frozen):
     """
 
     model_config = ConfigDict(
-        frozen=True,
-        extra="forbid",
         json_schema_extra={
             "examples": [
                 {
@@ -241,7 +239,7 @@ class Registration(Frozen):
                 )
         return self
 
-    def structure(self) -> Model:
+    def structure(self) -> ElementModel:
         """Arrays of the model with its free parameters; for twins of elements only.
 
         Raises
@@ -315,7 +313,7 @@ class Registration(Frozen):
 @functools.lru_cache(maxsize=256)
 def _structure(
     model: str, parameters: tuple[tuple[str, float], ...] | None, prior_sd: float
-) -> Model:
+) -> ElementModel:
     description = description_of(line_model(model, AS_STORED))
     return model_of(
         description, None if parameters is None else dict(parameters), prior_sd=prior_sd

@@ -7,11 +7,11 @@ from typing import Any
 from fastapi import APIRouter, FastAPI, Request, Response
 
 from slowtime_schemas import asyncapi
-from twin_server.fairness import Holdings
-from twin_server.identity.principals import NOBODY, principal_of
-from twin_server.serve.models.twins import (
+from slowtime_schemas.answers.twins import (
     HealthModel,
 )
+from twin_server.fairness import Holdings
+from twin_server.identity.principals import NOBODY, principal_of
 from twin_server.settings import ServeSettings
 
 from . import composites, exports, ledger

@@ -5,19 +5,10 @@ The answer is never "no" without data: what nothing new is known of may have fai
 
 import dataclasses
 from collections.abc import Iterator, Sequence
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
+from slowtime_schemas.answers.twins import ConclusionAnswer, FindingKind
 from twin_server.history.states import BEGINNING, MEASURED_BEFORE, sentences
-
-Answer = Literal["act", "watch", "cannot_say", "no"]
-"""Whether anything is wrong, the most urgent answer first."""
-
-Kind = Literal[
-    "limit_passed", "risk_too_high", "repair_due", "inspection_due", "risk_rising",
-    "limit_near", "changed", "unexplained_change", "model_disagrees", "no_readings",
-    "agent_offline", "sensor_silent", "readings_late", "learning", "not_valid", "set_aside",
-]  # fmt: skip
-"""What stands against a structure, or against knowing it; the most urgent first."""
 
 LIKELY = 0.5
 """Probability from which something is more likely than not [1]."""
@@ -26,7 +17,7 @@ POSSIBLE = 0.05
 """Probability from which something is mentioned [1]: what the intervals of 95 % leave out."""
 
 
-class Finding(NamedTuple):
+class Concern(NamedTuple):
     """Something that stands against a structure, or against knowing it.
 
     Parameters
@@ -35,7 +26,7 @@ class Finding(NamedTuple):
         Details, in a sentence.
     """
 
-    kind: Kind
+    kind: FindingKind
     text: str
 
 
@@ -119,7 +110,7 @@ class Evidence:
     plan: tuple[str, str] | None = None
 
 
-ANSWERS: dict[Kind, Answer] = {
+ANSWERS: dict[FindingKind, ConclusionAnswer] = {
     "limit_passed": "act",
     "risk_too_high": "act",
     "repair_due": "act",
@@ -137,9 +128,9 @@ ANSWERS: dict[Kind, Answer] = {
     "not_valid": "cannot_say",
     "set_aside": "watch",
 }
-"""Answer that each kind of finding gives."""
+"""ConclusionAnswer that each kind of finding gives."""
 
-NEXT: dict[Kind, str] = {
+NEXT: dict[FindingKind, str] = {
     "limit_passed": "Inspect the structure, then acknowledge the alarm.",
     "risk_too_high": "Take the load off, or inspect the structure now.",
     "repair_due": "Repair it: the maintenance plan says why.",
@@ -169,8 +160,8 @@ class Conclusion(NamedTuple):
         The most urgent first; none only where the answer is no.
     """
 
-    answer: Answer
-    findings: tuple[Finding, ...]
+    answer: ConclusionAnswer
+    findings: tuple[Concern, ...]
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as REST gives it."""
@@ -182,7 +173,7 @@ class Conclusion(NamedTuple):
 
 
 def conclude(known: Evidence) -> Conclusion:
-    """Answer whether anything is wrong with a structure.
+    """ConclusionAnswer whether anything is wrong with a structure.
 
     Examples
     --------
@@ -195,49 +186,49 @@ def conclude(known: Evidence) -> Conclusion:
     order = list(ANSWERS)
     findings = sorted(_findings(known), key=lambda one: order.index(one.kind))
     answers = [ANSWERS[one.kind] for one in findings]
-    urgency: tuple[Answer, ...] = ("act", "watch", "cannot_say")
-    answer: Answer = next((one for one in urgency if one in answers), "no")
+    urgency: tuple[ConclusionAnswer, ...] = ("act", "watch", "cannot_say")
+    answer: ConclusionAnswer = next((one for one in urgency if one in answers), "no")
     findings.sort(key=lambda one: urgency.index(ANSWERS[one.kind]))
     return Conclusion(answer, tuple(findings))
 
 
-def _findings(known: Evidence) -> Iterator[Finding]:
+def _findings(known: Evidence) -> Iterator[Concern]:
     """Yield what stands against a structure, and against knowing it."""
     yield from _of_structure(known)
     if known.set_aside:
-        yield Finding("set_aside", f"{known.set_aside} of its messages were set aside.")
+        yield Concern("set_aside", f"{known.set_aside} of its messages were set aside.")
     if known.reasons is None:
-        yield Finding("no_readings", "There are no readings yet.")
+        yield Concern("no_readings", "There are no readings yet.")
     elif reasons := known.reasons & ~MEASURED_BEFORE:
-        kind: Kind = "learning" if reasons & BEGINNING else "not_valid"
-        yield Finding(kind, sentences(reasons)[0])
+        kind: FindingKind = "learning" if reasons & BEGINNING else "not_valid"
+        yield Concern(kind, sentences(reasons)[0])
     if not known.alive:
-        yield Finding("agent_offline", "Its sensor agent is offline, so nothing new is known.")
+        yield Concern("agent_offline", "Its sensor agent is offline, so nothing new is known.")
     elif known.silent_s:
-        yield Finding("sensor_silent", f"Its sensor has sent nothing for {known.silent_s} s.")
+        yield Concern("sensor_silent", f"Its sensor has sent nothing for {known.silent_s} s.")
     elif known.late_s:
-        yield Finding("readings_late", f"Its next reading is {known.late_s} s overdue.")
+        yield Concern("readings_late", f"Its next reading is {known.late_s} s overdue.")
 
 
-def _of_structure(known: Evidence) -> Iterator[Finding]:
+def _of_structure(known: Evidence) -> Iterator[Concern]:
     for text in known.raised:
-        yield Finding("limit_passed", text)
+        yield Concern("limit_passed", text)
     for one in known.failures:
         if one.now > one.accepted:
-            yield Finding("risk_too_high", one.sentence)
+            yield Concern("risk_too_high", one.sentence)
         elif one.reached or one.within >= POSSIBLE:
-            yield Finding("risk_rising", one.sentence)
+            yield Concern("risk_rising", one.sentence)
     if known.plan is not None and known.plan[0] in ("repair", "close", "inspect"):
         act, sentence = known.plan
-        yield Finding("inspection_due" if act == "inspect" else "repair_due", sentence)
+        yield Concern("inspection_due" if act == "inspect" else "repair_due", sentence)
     for limit in known.limits:
         # What is passed already is for the alarm to say, with its certainty.
         if limit.within >= POSSIBLE and limit.already < LIKELY:
-            yield Finding("limit_near", limit.sentence)
+            yield Concern("limit_near", limit.sentence)
     if known.suspects:
-        yield Finding("changed", f"Changed: {', '.join(known.suspects)}.")
+        yield Concern("changed", f"Changed: {', '.join(known.suspects)}.")
     if known.unexplained:
         text = "A change has entered that temperature and load do not explain."
-        yield Finding("unexplained_change", text)
+        yield Concern("unexplained_change", text)
     if known.disagrees:
-        yield Finding("model_disagrees", "Its model disagrees with what the sensors measure.")
+        yield Concern("model_disagrees", "Its model disagrees with what the sensors measure.")

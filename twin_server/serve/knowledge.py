@@ -69,7 +69,7 @@ class TwinForecast:
     widening: Mapping[str, float] = dataclasses.field(default_factory=dict)
 
 
-class LedgerProofs(Protocol):
+class LedgerProofService(Protocol):
     """Tree heads of chains, and proofs of them; a `ProblemError` where there is none."""
 
     def head(self, twin_id: str) -> dict[str, Any]:
@@ -228,7 +228,7 @@ class Knowledge(Protocol):
         ...
 
     @property
-    def proofs(self) -> LedgerProofs:
+    def proofs(self) -> LedgerProofService:
         """Tree heads of chains, and proofs of them."""
         ...
 

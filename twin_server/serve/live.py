@@ -72,7 +72,7 @@ class Item(NamedTuple):
 RESET = Item(0, 0, "event: reset\ndata: {}\n\n")
 
 
-class Client:
+class LiveClient:
     """One client of a twin's stream; used in the event loop."""
 
     def __init__(self, twin_id: str, backlog: int) -> None:
@@ -122,7 +122,7 @@ class Hub:
         self.quota = Quota(
             "streams", max_clients, of_token=max_of_one, setting="serve.max_live_clients"
         )
-        self._clients: dict[str, set[Client]] = {}
+        self._clients: dict[str, set[LiveClient]] = {}
         self._loop: asyncio.AbstractEventLoop | None = None
         self._closed = False
         self.dropped = 0
@@ -132,7 +132,7 @@ class Hub:
         """Number of clients that watch."""
         return self.quota.count
 
-    def join(self, twin_id: str) -> Client | None:
+    def join(self, twin_id: str) -> LiveClient | None:
         """Watch a twin from now on; None where the server is ending.
 
         Raises
@@ -143,12 +143,12 @@ class Hub:
         self._loop = asyncio.get_running_loop()
         if self._closed:
             return None
-        client = Client(twin_id, self.backlog)
+        client = LiveClient(twin_id, self.backlog)
         client.holding = self.quota.take(current_holder(), f"live {twin_id}", client.end)
         self._clients.setdefault(twin_id, set()).add(client)
         return client
 
-    def leave(self, client: Client) -> None:
+    def leave(self, client: LiveClient) -> None:
         """Watch no longer."""
         of_twin = self._clients.get(client.twin_id, set())
         of_twin.discard(client)
@@ -222,7 +222,7 @@ class LiveResponse(Response):
     def __init__(
         self,
         hub: Hub,
-        client: Client,
+        client: LiveClient,
         knowledge: Knowledge,
         last_id: str | None,
         still: Callable[[], bool] = lambda: True,

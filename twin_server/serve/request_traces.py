@@ -2,7 +2,7 @@
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from slowtime_services.tracing import Traces
+from slowtime_services.tracing import SpanTraces
 
 from .access.policy import find
 
@@ -10,7 +10,7 @@ from .access.policy import find
 class Traced:
     """ASGI application around another one that reports a trace span for each answer."""
 
-    def __init__(self, app: ASGIApp, traces: Traces) -> None:
+    def __init__(self, app: ASGIApp, traces: SpanTraces) -> None:
         self._app, self._traces = app, traces
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:

@@ -5,15 +5,15 @@ from typing import Any
 from fastapi import Response
 from pydantic_core import from_json, to_json
 
+from slowtime_schemas.answers.twins import (
+    OfElements,
+    State,
+)
 from twin_server.history.details import without_shapes
 from twin_server.history.rendering import state_objects
 from twin_server.serve.http.problems import ProblemError
 from twin_server.serve.instants import Moment
 from twin_server.serve.knowledge import HistoryPart, Knowledge
-from twin_server.serve.models.twins import (
-    OfElements,
-    State,
-)
 
 _OF_ONE_MODE = State.model_fields.keys() - OfElements.model_fields
 _EMPTY: dict[str, Any] = dict.fromkeys(_OF_ONE_MODE) | {

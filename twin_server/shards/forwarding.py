@@ -39,7 +39,7 @@ class ShardSilentError(ConnectionError):
     """A shard that cannot be reached, or that ended before it answered."""
 
 
-class Answer(NamedTuple):
+class ShardAnswer(NamedTuple):
     """A whole answer of a shard."""
 
     status: int
@@ -197,7 +197,7 @@ async def ask(
     target: bytes = b"",
     *,
     method: str = "GET",
-) -> Answer:
+) -> ShardAnswer:
     """Ask a shard the same (or `target`) without a body, and wait for the whole answer."""
     exchange = _Exchange(url, timeout_s)
     try:
@@ -213,7 +213,7 @@ async def ask(
             raise ShardSilentError(str(error)) from error
     finally:
         exchange.close()
-    return Answer(head.status_code, _of_answer(head.headers), body)
+    return ShardAnswer(head.status_code, _of_answer(head.headers), body)
 
 
 def _of_answer(headers: Sequence[tuple[bytes, bytes]]) -> Headers:

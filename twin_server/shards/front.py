@@ -33,7 +33,7 @@ from twin_server.settings import TwinSettings
 
 from .calls import Calls, is_down, owner, unavailable
 from .composing import KEEPER, ShardAssets, ShardComposites, ShardFacts
-from .forwarding import Answer, ShardSilentError, ask, forward
+from .forwarding import ShardAnswer, ShardSilentError, ask, forward
 from .merging import MERGED, merged_metrics
 from .supervisor import Shards
 
@@ -253,10 +253,10 @@ class _Front:
             f"{self._shards.count - 1}. Give one, as ?shard=0.",
         )
 
-    async def _ask_all(self, request: Request, method: str = "GET") -> list[Answer | None]:
+    async def _ask_all(self, request: Request, method: str = "GET") -> list[ShardAnswer | None]:
         """Ask every shard the same; None of those that do not answer."""
 
-        async def one(index: int) -> Answer | None:
+        async def one(index: int) -> ShardAnswer | None:
             url = self._shards.url(index)
             if url is None:
                 return None
@@ -271,7 +271,7 @@ class _Front:
         return is_down(index, self._shards.count)
 
 
-def _detail(answer: Answer) -> str:
+def _detail(answer: ShardAnswer) -> str:
     """Return what the problem document of an answer says."""
     try:
         return str(from_json(answer.body)["detail"])

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from slowtime_services.engines import import_ray
 from slowtime_services.logs import Format
 
-from .shard_actor import FleetSettings, Place, ShardActor
+from .shard_actor import FleetSettings, ShardActor, ShardAddress
 from .supervisor import SOUND_S
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ class _Shard:
         self.actor: Any = None
         self.placing: Any = None
         self.ending: Any = None
-        self.place: Place | None = None
+        self.place: ShardAddress | None = None
         self.failures = 0
         self.began_s = 0.0
         self.again_s: float | None = None
@@ -134,7 +134,7 @@ class RayShards:
         place = self._shards[index].place
         return None if place is None else place.url
 
-    def place(self, index: int) -> Place | None:
+    def place(self, index: int) -> ShardAddress | None:
         """Where a shard answers, with its process and its node; None while it does not."""
         return self._shards[index].place
 
@@ -294,7 +294,7 @@ class RayShards:
                 self._failed(shard, type(error).__name__)
             return
         if told == shard.placing:
-            place = Place(*answer)
+            place = ShardAddress(*answer)
             shard.placing, shard.place = None, place if place.url else None
             shard.ending = shard.actor.ended.remote(place.url)
         elif answer is None:

@@ -18,7 +18,7 @@ from slowtime_services.logs import Format, formatter
 from slowtime_services.shutdown import ended_by_signals
 
 from .ray_actors import EngineError, RayShards
-from .shard_actor import FleetSettings, Place
+from .shard_actor import FleetSettings, ShardAddress
 from .supervisor import LOOK_S, SOUND_S
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ class News(NamedTuple):
         How many shards were started again.
     """
 
-    places: tuple[Place | None, ...]
+    places: tuple[ShardAddress | None, ...]
     restarts: int
 
 
@@ -142,7 +142,7 @@ class RayFleet:
         form: Format = "text",
     ) -> None:
         self._settings, self._log, self._stop = FleetSettings.of(settings), (level, form), stop
-        self._places: list[Place | None] = [None] * settings.shards.count
+        self._places: list[ShardAddress | None] = [None] * settings.shards.count
         self._news: News | None = None
         self._process: BaseProcess | None = None
         self._pipe: Connection | None = None
@@ -174,7 +174,7 @@ class RayFleet:
         place = self._places[index]
         return None if place is None else place.url
 
-    def place(self, index: int) -> Place | None:
+    def place(self, index: int) -> ShardAddress | None:
         """Where a shard answers, with its process and its node, as `url`."""
         return self._places[index]
 

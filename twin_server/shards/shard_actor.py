@@ -57,7 +57,7 @@ class FleetSettings:
         )  # fmt: skip
 
 
-class Place(NamedTuple):
+class ShardAddress(NamedTuple):
     """Where a shard answers.
 
     Parameters
@@ -110,7 +110,7 @@ class ShardActor:
                 self._thread = threading.Thread(target=self._run, args=(own,), name="shard")
                 self._thread.start()
         self._told.wait()
-        return Place(self._url, os.getpid(), self._node)
+        return ShardAddress(self._url, os.getpid(), self._node)
 
     def ended(self, url: str) -> int | None:
         """Wait until the shard has ended, and return its code; None if it is not at `url`."""

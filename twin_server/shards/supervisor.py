@@ -65,7 +65,7 @@ class Shards(Protocol):
         ...
 
 
-class _Shard:
+class _ShardProcess:
     """One process, and when it may be started again."""
 
     def __init__(self, index: int) -> None:
@@ -100,7 +100,7 @@ class Supervisor:
     ) -> None:
         self._settings, self._log = settings, (level, form)
         self._context = loaded_context()
-        self._shards = [_Shard(index) for index in range(settings.shards.count)]
+        self._shards = [_ShardProcess(index) for index in range(settings.shards.count)]
         self._stop = stop
         self._thread = threading.Thread(target=self._watch, name="shards", daemon=True)
         self.restarts = 0
@@ -154,7 +154,7 @@ class Supervisor:
                     with contextlib.suppress(EOFError, OSError):
                         shard.url = shard.pipe.recv()
 
-    def _begin(self, shard: _Shard) -> None:
+    def _begin(self, shard: _ShardProcess) -> None:
         ours, theirs = self._context.Pipe()
         process = self._context.Process(
             target=serve_shard,
@@ -165,7 +165,7 @@ class Supervisor:
         theirs.close()
         shard.process, shard.pipe, shard.began_s = process, ours, time.monotonic()
 
-    def _ended(self, shard: _Shard, process: BaseProcess) -> None:
+    def _ended(self, shard: _ShardProcess, process: BaseProcess) -> None:
         self._close(shard)
         shard.process = None
         shards = self._settings.shards
@@ -182,7 +182,7 @@ class Supervisor:
         )  # fmt: skip
 
     @staticmethod
-    def _close(shard: _Shard) -> None:
+    def _close(shard: _ShardProcess) -> None:
         shard.url = None
         if shard.pipe is not None:
             shard.pipe.close()

@@ -19,7 +19,7 @@ from twin_server.estimate.forecast import changes, statements
 from twin_server.registration.thresholds import Limit
 
 from . import histories, oracle
-from .histories import INSTANTS, LAWS, Case
+from .histories import INSTANTS, LAWS, InstantCase
 
 TIMES = 10
 """Times between an instant and the end at which bands are asked for."""
@@ -36,7 +36,7 @@ LEAST_EXCESS = 0.01
 QUANTITY = "stiffness_change"
 
 
-def judge(case: Case, known: dict[str, Any] | None) -> dict[str, Any]:
+def judge(case: InstantCase, known: dict[str, Any] | None) -> dict[str, Any]:
     """Ask both at each instant: probability of the crossing, and bands at ten times."""
     rows = []
     kept: list[dict[str, Any]] = []
@@ -66,14 +66,14 @@ def _holds(band: np.ndarray, true: np.ndarray) -> list[bool]:
     return [bool(low <= x <= high) for (low, high), x in zip(band, true, strict=True)]
 
 
-def _past(case: Case, readings: int) -> dict[str, changes.Past]:
+def _past(case: InstantCase, readings: int) -> dict[str, changes.Past]:
     when = case.unit * case.time[:readings]
     return {
         QUANTITY: changes.Past(when, case.value[:readings], np.full(readings, case.sd), 0.0)
     }
 
 
-def _widening(case: Case, readings: int, kept: list[dict[str, Any]]) -> float:
+def _widening(case: InstantCase, readings: int, kept: list[dict[str, Any]]) -> float:
     """Factor of the spread by what came of the statements so far, which are kept first."""
     first = kept[-1]["sequence"] + 1 if kept else 0
     for sequence in range(first, readings - 1):
@@ -88,7 +88,11 @@ def _widening(case: Case, readings: int, kept: list[dict[str, Any]]) -> float:
 
 
 def _twin(
-    case: Case, readings: int, at: np.ndarray, true: np.ndarray, kept: list[dict[str, Any]]
+    case: InstantCase,
+    readings: int,
+    at: np.ndarray,
+    true: np.ndarray,
+    kept: list[dict[str, Any]],
 ) -> dict[str, Any]:
     """Forecast as the server does, learning from all readings up to now."""
     past = _past(case, readings)

@@ -138,7 +138,7 @@ class JumpTruth:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Case:
+class InstantCase:
     """One history, and the question that is asked at each of its instants.
 
     Parameters
@@ -176,7 +176,7 @@ class Case:
         return float(self.fine[across.argmax()]) if across.any() else np.inf
 
 
-def case(law: str, number: int, seed: int) -> Case:
+def case(law: str, number: int, seed: int) -> InstantCase:
     """Draw one history of a law.
 
     The threshold is the lowest value that another history of the law reaches after the first
@@ -195,7 +195,7 @@ def case(law: str, number: int, seed: int) -> Case:
     time = np.arange(length + 1) / length
     value = np.interp(time, fine, truth) + sd * rng.standard_normal(length + 1)
     unit = float(np.exp(rng.uniform(np.log(50.0), np.log(5000.0))))
-    return Case(law, number, time, value, sd, fine, truth, threshold, unit, u, jumps)
+    return InstantCase(law, number, time, value, sd, fine, truth, threshold, unit, u, jumps)
 
 
 def _path(

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 from scipy.special import ndtr
 
-from .histories import CURVES, FINE, JUMPS, Case, between_logs
+from .histories import CURVES, FINE, JUMPS, InstantCase, between_logs
 
 WALKERS, STEPS, BURNT, EVERY = 48, 360, 160, 5
 """Of the ensemble sampler: 1,920 samples of each posterior."""
@@ -51,7 +51,7 @@ class Futures:
         return np.asarray(np.quantile(there, [0.025, 0.975], axis=0).T)
 
 
-def futures(case: Case, readings: int, rng: np.random.Generator) -> Futures:
+def futures(case: InstantCase, readings: int, rng: np.random.Generator) -> Futures:
     """Sample what may follow the first so many readings of a history."""
     if case.law in CURVES:
         return _curves(case, readings, rng)
@@ -60,11 +60,11 @@ def futures(case: Case, readings: int, rng: np.random.Generator) -> Futures:
     return _walks(case, readings, rng)
 
 
-def _later(case: Case, readings: int) -> np.ndarray:
+def _later(case: InstantCase, readings: int) -> np.ndarray:
     return np.asarray(case.fine[case.fine >= case.time[readings - 1] - 1e-12])
 
 
-def _curves(case: Case, readings: int, rng: np.random.Generator) -> Futures:
+def _curves(case: InstantCase, readings: int, rng: np.random.Generator) -> Futures:
     """Affine-invariant ensemble sampler, begun at the true parameters.
 
     References
@@ -101,7 +101,7 @@ def _curves(case: Case, readings: int, rng: np.random.Generator) -> Futures:
     return Futures(later, kind.curve(sample, later), np.zeros(len(sample)))
 
 
-def _walks(case: Case, readings: int, rng: np.random.Generator) -> Futures:
+def _walks(case: InstantCase, readings: int, rng: np.random.Generator) -> Futures:
     """Kalman filters of wander, level and slope over a net of scatter and memory."""
     q = np.array([-1.9, -1.3, -0.85, -0.4, 0.0, 0.4, 0.85, 1.3, 1.9])
     edges = np.concatenate([[-9.0], 0.5 * (q[1:] + q[:-1]), [9.0]])
@@ -157,7 +157,7 @@ def _transition(
     return keep, np.where(np.isinf(memory), sd**2 * step, sd**2 * (1.0 - keep**2))
 
 
-def _jumps(case: Case, readings: int, rng: np.random.Generator) -> Futures:
+def _jumps(case: InstantCase, readings: int, rng: np.random.Generator) -> Futures:
     """Rao-Blackwellized particle filter over the places of jumps, whose law is known."""
     assert case.jumps is not None
     jumps, step = case.jumps, case.time[1]

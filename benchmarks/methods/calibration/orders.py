@@ -34,7 +34,7 @@ from twin_server.registration.costs import CostTable, Deciding
 
 from . import histories, oracle
 from .bench import QUANTITY, keep, read
-from .histories import LAWS, Case
+from .histories import LAWS, InstantCase
 
 LEAD = 0.1
 """Share of a history [1] from an order to its effect."""
@@ -52,7 +52,7 @@ COSTS = Costs(failure=Cost(RATIO), repair=Cost(1.0))
 WHO = ("plan", "oracle", "without lead")
 
 
-def judge(case: Case) -> dict[str, Any]:
+def judge(case: InstantCase) -> dict[str, Any]:
     """Give what each pays in one history, and when it orders."""
     result: dict[str, Any] = {"law": case.law, "number": case.number}
     result["crossed"] = case.crossed if np.isfinite(case.crossed) else None
@@ -76,7 +76,7 @@ def judge(case: Case) -> dict[str, Any]:
     return result | {who: paid(case, told.get(who)) for who in WHO} | {"ordered": told}
 
 
-def paid(case: Case, ordered: float | None) -> float:
+def paid(case: InstantCase, ordered: float | None) -> float:
     """Give the cost of a history in which a repair was ordered at a time, or never."""
     effect = np.inf if ordered is None else ordered + LEAD
     if case.crossed <= min(effect, 1.0):
@@ -92,7 +92,7 @@ def with_foresight(case: dict[str, Any]) -> float:
     return 1.0 if crossed > DATES[0] + LEAD else RATIO
 
 
-def _plan(futures: Ensemble, case: Case, lead: float) -> Plan:
+def _plan(futures: Ensemble, case: InstantCase, lead: float) -> Plan:
     spread, every = float(np.std(futures.damage[:, 0])), float(case.time[1])
     more = tuple(
         Observation(
@@ -118,7 +118,7 @@ def _sound(time: np.ndarray) -> Ensemble:
     return from_paths(time, np.zeros((2, len(time))))
 
 
-def _of_twin(case: Case, readings: int) -> Ensemble:
+def _of_twin(case: InstantCase, readings: int) -> Ensemble:
     """Give the futures that the server makes its plans of, in shares of the history."""
     past = {
         QUANTITY: changes.Past(
@@ -146,7 +146,7 @@ def _of_twin(case: Case, readings: int) -> Ensemble:
     )  # fmt: skip
 
 
-def _of_oracle(case: Case, readings: int, which: int) -> Ensemble:
+def _of_oracle(case: InstantCase, readings: int, which: int) -> Ensemble:
     rng = np.random.default_rng([case.number, which])
     drawn = oracle.futures(case, readings, rng)
     time = drawn.time - drawn.time[0]

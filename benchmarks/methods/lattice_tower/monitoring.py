@@ -16,10 +16,10 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks.methods.monitored_tower import Monitored, Outcome, show
+from benchmarks.methods.monitored_tower import LossOutcome, TowerTwin, show
 from slowtime.finite_elements.reduction import BasisSettings
 
-from .structure import Layout, export_tower
+from .structure import TowerLayout, export_tower
 
 MODES, WINDOW_S = 20, 3600.0
 """Modes that are identified, and windows of an hour [s], as the lowest mode takes 9 s."""
@@ -32,7 +32,7 @@ SPAN = 0.2
 of what the structure differs from the file by."""
 
 
-def read_monitored(layout: Layout) -> Monitored:
+def read_monitored(layout: TowerLayout) -> TowerTwin:
     """Make a tower, write its files, and reduce it.
 
     Parameters
@@ -47,19 +47,19 @@ def read_monitored(layout: Layout) -> Monitored:
     with tempfile.TemporaryDirectory() as folder:
         settings = BasisSettings(modes=MODES, coordinates=COORDINATES, span=SPAN)
         model = export_tower(Path(folder), layout)
-        return Monitored.read(model, settings, modes=MODES, window_s=WINDOW_S)
+        return TowerTwin.read(model, settings, modes=MODES, window_s=WINDOW_S)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the figures; return 1 where one lies outside what it is held to."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=50)
-    parser.add_argument("--storeys", type=int, default=Layout().storeys)
+    parser.add_argument("--storeys", type=int, default=TowerLayout().storeys)
     parser.add_argument("--samples", action="store_true", help="identify from samples")
     given = parser.parse_args(arguments)
-    tower = read_monitored(Layout(storeys=given.storeys))
+    tower = read_monitored(TowerLayout(storeys=given.storeys))
     tower = dataclasses.replace(tower, sampled=given.samples)
-    found: list[Outcome] = []
+    found: list[LossOutcome] = []
     for seed in range(given.seeds):
         found.append(tower.run(seed, later=1))
         print(f"seed {seed}: {found[-1].group} lost 10 %, said "

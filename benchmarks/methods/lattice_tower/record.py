@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.methods.monitored_tower import BUILT_SD, LOSS, PRIOR_SD, START_NS, Monitored
+from benchmarks.methods.monitored_tower import BUILT_SD, LOSS, PRIOR_SD, START_NS, TowerTwin
 from benchmarks.methods.sampled_tower import RATE_RATIO, accelerations
 from slowtime.finite_elements.reduction import BasisSettings
 from slowtime_services.matrices import describe_reduced, read_matrix_model
@@ -20,7 +20,7 @@ from slowtime_services.wireframes import geometry_of, with_geometry
 from twin_server.registration.structure import model_of
 
 from .monitoring import COORDINATES, MODES, SPAN, WINDOW_S
-from .structure import Layout, export_tower
+from .structure import TowerLayout, export_tower
 
 LEARN, LATER = 8, 2
 """Windows that are learnt from, and windows after the loss [1]."""
@@ -55,7 +55,7 @@ def write_record(
     folder: Path,
     group: str,
     *,
-    layout: Layout | None = None,
+    layout: TowerLayout | None = None,
     later: int = LATER,
     seed: int = 1,
 ) -> TowerRecord:
@@ -79,13 +79,15 @@ def write_record(
     -------
     The record, and what both processes are given.
     """
-    full = read_matrix_model(export_tower(folder / "model", layout or Layout(), ending=".npz"))
+    full = read_matrix_model(
+        export_tower(folder / "model", layout or TowerLayout(), ending=".npz")
+    )
     settings = BasisSettings(modes=MODES, coordinates=COORDINATES, span=SPAN)
     reduced = describe_reduced(full, settings)
     file = with_geometry(model_file_of(reduced.description), geometry_of(full, reduced))
     prior = dict.fromkeys(full.matrices.names, PRIOR_SD)
     twin = model_of(description_of(file), prior)
-    tower = Monitored(full, twin, MODES, WINDOW_S, sampled=True)
+    tower = TowerTwin(full, twin, MODES, WINDOW_S, sampled=True)
 
     rng = np.random.default_rng(seed)
     built = np.exp(BUILT_SD * rng.standard_normal(len(twin.free))) - 1.0

@@ -27,12 +27,12 @@ from slowtime.finite_elements.reduction.verification import compare_modes
 from slowtime_services.matrices import read_matrix_model
 from slowtime_services.matrices.reduced_files import read_reduced
 
-from .structure import Layout, export_tower
+from .structure import TowerLayout, export_tower
 
 MODES, SPAN = 20, 0.3
 LAYOUTS = {
-    "small": Layout(),
-    "large": Layout(leg_elements=36, girt_elements=36),
+    "small": TowerLayout(),
+    "large": TowerLayout(leg_elements=36, girt_elements=36),
 }
 LARGE_TRIALS = 5
 """Random parameters of the large tower [1]: each costs a full solution of half a minute."""
@@ -43,7 +43,7 @@ SECONDS, GIGABYTES, UPDATE_S = 60.0, 2.0, 5e-3
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
-class Cost:
+class ProcessCost:
     """What a process took.
 
     Parameters
@@ -79,7 +79,7 @@ class Accuracy:
     updated_s: float
 
 
-def reduce_by_command(model: Path, out: Path) -> Cost:
+def reduce_by_command(model: Path, out: Path) -> ProcessCost:
     """Run `slowtime reduce` in a process of its own.
 
     Parameters
@@ -105,7 +105,7 @@ def reduce_by_command(model: Path, out: Path) -> Cost:
     wall = time.perf_counter() - start
     if status:
         raise RuntimeError(f"`slowtime {' '.join(given)}` failed. Run it to see its message.")
-    return Cost(
+    return ProcessCost(
         wall_s=wall, cpu_s=used.ru_utime + used.ru_stime, memory_gib=used.ru_maxrss / 2**20
     )
 

@@ -58,7 +58,7 @@ opposite corners, so that bending in both planes and torsion are seen."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
-class Layout:
+class TowerLayout:
     """How tall the tower is, and how finely it is divided.
 
     Parameters
@@ -95,7 +95,7 @@ class Tower:
         First and second node, tube, and number of the group (-1 for none) of each element.
     """
 
-    layout: Layout
+    layout: TowerLayout
     names: list[str]
     place_m: Float[np.ndarray, "node axis"]
     beams: list[tuple[int, int, tuple[float, float], int]]
@@ -110,7 +110,7 @@ class Tower:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Matrices:
+class SparseMatrices:
     """Sparse matrices over the free degrees of freedom.
 
     Parameters
@@ -139,7 +139,7 @@ def group_names() -> tuple[str, ...]:
     return tuple(f"{kind} {1 + section}" for section in range(SECTIONS) for kind in KINDS)
 
 
-def draw_tower(layout: Layout) -> Tower:
+def draw_tower(layout: TowerLayout) -> Tower:
     """Lay out nodes and members.
 
     Parameters
@@ -194,7 +194,7 @@ def draw_tower(layout: Layout) -> Tower:
     return dataclasses.replace(tower, place_m=np.array(places))
 
 
-def corner_place(layout: Layout, level: int, corner: int) -> Float[np.ndarray, " axis"]:
+def corner_place(layout: TowerLayout, level: int, corner: int) -> Float[np.ndarray, " axis"]:
     """Position of a corner of the plan at a level [m]."""
     share = level / layout.storeys
     half = [0.5 * (a + share * (b - a)) for a, b in zip(FOOT_M, TOP_M, strict=True)]
@@ -202,7 +202,7 @@ def corner_place(layout: Layout, level: int, corner: int) -> Float[np.ndarray, "
     return np.array([x * half[0], y * half[1], level * STOREY_M])
 
 
-def assemble_tower(tower: Tower) -> Matrices:
+def assemble_tower(tower: Tower) -> SparseMatrices:
     """Make the matrices by pyfe3d.
 
     Parameters
@@ -229,7 +229,7 @@ def assemble_tower(tower: Tower) -> Matrices:
         return sparse.csr_array(whole[free][:, free])
 
     parts = [inner(stiffness, group == g) for g in range(len(names))]
-    return Matrices(inner(stiffness), inner(mass), parts, names)
+    return SparseMatrices(inner(stiffness), inner(mass), parts, names)
 
 
 def _element_entries(
@@ -297,7 +297,7 @@ def _joined(triplets: list[list[np.ndarray]]) -> list[np.ndarray]:
     return [np.concatenate(one) for one in zip(*triplets, strict=True)]
 
 
-def channels(layout: Layout) -> list[dict[str, str | float]]:
+def channels(layout: TowerLayout) -> list[dict[str, str | float]]:
     """Sensors of the 24 channels, as in a model file."""
     levels = np.linspace(0, layout.storeys, CHANNEL_LEVELS + 1)[1:].round().astype(int)
     return [
@@ -310,7 +310,7 @@ def channels(layout: Layout) -> list[dict[str, str | float]]:
 
 def export_tower(
     folder: Path,
-    layout: Layout,
+    layout: TowerLayout,
     *,
     changes: Mapping[str, float] = NO_CHANGES,
     ending: str = ".mtx",

@@ -20,7 +20,7 @@ from jax_sysid.models import Model
 
 from benchmarks.real_rigs.pieces import Array, Piece
 
-from .task import Task, errors, folds, head_of, mean_frequency, read_task, write_answer
+from .task import PeerTask, errors, folds, head_of, mean_frequency, read_task, write_answer
 
 HIDDEN = 6
 """[neurons] Of each network. Source: five in the documentation's examples."""
@@ -57,7 +57,7 @@ def output_fcn(x, u, params):  # type: ignore[no-untyped-def]
 class BlackBox:
     """Scales, stride and start of the model of one task."""
 
-    def __init__(self, task: Task) -> None:
+    def __init__(self, task: PeerTask) -> None:
         self.task = task
         whole = task.learn[0]
         fastest = np.abs(np.linalg.eigvals(task.rig.rates())).max() / (2 * np.pi)

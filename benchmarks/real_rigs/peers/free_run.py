@@ -9,7 +9,7 @@ import scipy.signal
 from benchmarks.real_rigs.pieces import Array, Piece
 
 from .integrator import integrate
-from .laws import Law
+from .laws import PeerLaw
 from .task import Rig, head_of
 
 STEP = 0.2
@@ -57,7 +57,7 @@ class FreeRuns:
         self.base = base
         self.scatter = self.measured.std(axis=0)
 
-    def from_best_states(self, laws: Sequence[Law], starts: Array) -> list[Array]:
+    def from_best_states(self, laws: Sequence[PeerLaw], starts: Array) -> list[Array]:
         """Run each law from the state that fits the first samples best.
 
         Parameters
@@ -81,7 +81,7 @@ class FreeRuns:
         runs = self.run(batch, starts, len(self.force))
         return [runs[i] for i in range(count)]
 
-    def run_laws(self, laws: Sequence[Law], starts: Array, count: int) -> Array:
+    def run_laws(self, laws: Sequence[PeerLaw], starts: Array, count: int) -> Array:
         """Run each law from its state [law, time, sensor], for some samples."""
         return self.run(_Batch.of(laws), starts, count)
 
@@ -139,7 +139,7 @@ class _Batch:
     gain: Array
 
     @classmethod
-    def of(cls, laws: Sequence[Law]) -> "_Batch":
+    def of(cls, laws: Sequence[PeerLaw]) -> "_Batch":
         return cls(
             np.array([law.coefficients for law in laws]),
             np.array([law.nominal for law in laws]),

@@ -15,8 +15,8 @@ import scipy.signal
 from benchmarks.real_rigs.pieces import Array, Piece
 
 from .free_run import FreeRuns
-from .laws import NAMES, Law, States, term_values
-from .task import Task, mean_frequency, read_task, write_answer
+from .laws import NAMES, PeerLaw, States, term_values
+from .task import PeerTask, mean_frequency, read_task, write_answer
 
 PARTS = (0.1, 0.2, 0.4, 0.7, 1.0)
 """[share of a record] That are fitted one after the other. Source: a choice; a phase that is
@@ -31,7 +31,7 @@ GAIN, OFFSET = "gain", "offset"
 
 
 @dataclasses.dataclass(frozen=True)
-class Shape:
+class ParameterShape:
     """Where each number stands among the parameters.
 
     Parameters
@@ -51,19 +51,19 @@ class Shape:
         """Numbers before the initial states."""
         return len(self.terms) + self.gain + self.offset
 
-    def law(self, values: Array, slip: Array) -> Law:
+    def law(self, values: Array, slip: Array) -> PeerLaw:
         """Return the law of these numbers."""
         coefficients = np.zeros((1, len(NAMES), 1))
         coefficients[0, list(self.terms), 0] = values[: len(self.terms)]
         gain = float(values[len(self.terms)]) if self.gain else 1.0
-        return Law(coefficients, 0.0, slip, gain)
+        return PeerLaw(coefficients, 0.0, slip, gain)
 
     def shift(self, values: Array) -> float:
         """Return what the sensor adds."""
         return float(values[self.count - 1]) if self.offset else 0.0
 
 
-def shape_of(words: Sequence[str]) -> Shape:
+def shape_of(words: Sequence[str]) -> ParameterShape:
     """Read the terms of a law: names of `NAMES`, ``gain`` and ``offset``.
 
     Raises
@@ -77,13 +77,13 @@ def shape_of(words: Sequence[str]) -> Shape:
             f"There is no term {', '.join(wrong)}. Give some of {', '.join(NAMES)}."
         )
     terms = tuple(NAMES.index(word) for word in words if word in NAMES)
-    return Shape(terms, GAIN in words, OFFSET in words)
+    return ParameterShape(terms, GAIN in words, OFFSET in words)
 
 
 class OutputError:
     """Free runs of one law on several pieces, as residuals of all numbers."""
 
-    def __init__(self, task: Task, shape: Shape, slip: Array) -> None:
+    def __init__(self, task: PeerTask, shape: ParameterShape, slip: Array) -> None:
         self.task, self.shape, self.slip = task, shape, slip
         self.runs = [
             FreeRuns(task.rig, piece, _force(task, piece), task.outputs(piece))
@@ -128,7 +128,7 @@ class OutputError:
         return tried[best], float(1 - costs[best] / costs[0])
 
 
-def first_guess(task: Task, shape: Shape) -> tuple[Array, Array]:
+def first_guess(task: PeerTask, shape: ParameterShape) -> tuple[Array, Array]:
     """Regress the terms on smoothed motion; the slip speed comes with them."""
     states = [_smoothed(task, piece) for piece in task.learn]
     slip = 0.02 * np.concatenate([one.v for one in states]).std(axis=0)
@@ -147,7 +147,7 @@ def first_guess(task: Task, shape: Shape) -> tuple[Array, Array]:
     return np.concatenate([solved, offset, *starts]), slip
 
 
-def _smoothed(task: Task, piece: Piece) -> States:
+def _smoothed(task: PeerTask, piece: Piece) -> States:
     """Smooth and differentiate the one sensor, or integrate it once."""
     (sensor,) = task.rig.sensors[:1]
     values = piece.channels[sensor["channel"]]
@@ -166,12 +166,12 @@ def _smoothed(task: Task, piece: Piece) -> States:
     return States(place - place.mean(), speed, derived(1))
 
 
-def _force(task: Task, piece: Piece) -> Array:
+def _force(task: PeerTask, piece: Piece) -> Array:
     series = [piece.channels[name] for name in task.rig.inputs]
     return np.asarray(np.array(series).reshape(len(series), len(piece)).T @ task.rig.push.T)
 
 
-def words_of(shape: Shape, values: Array) -> str:
+def words_of(shape: ParameterShape, values: Array) -> str:
     """Write the fitted law for a person."""
     numbers = [
         f"{value:+.4g} {NAMES[i].format('')}"
@@ -192,7 +192,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def answer_on(task: Task, shape: Shape) -> None:
+def answer_on(task: PeerTask, shape: ParameterShape) -> None:
     """Fit a law of this shape, run it on what was held out, and write the answer."""
     guess, slip = first_guess(task, shape)
     values = OutputError(task, shape, slip).fit(guess)

@@ -58,7 +58,7 @@ def term_values(states: States, to: Array, slip: Array) -> Array:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Law:
+class PeerLaw:
     """Forces of the elements on the nodes.
 
     Parameters

@@ -19,8 +19,8 @@ import pysindy as ps
 from benchmarks.real_rigs.pieces import Array, Piece
 
 from .free_run import FreeRuns
-from .laws import LIBRARIES, NAMES, Law, States, term_values
-from .task import Rig, Task, errors, folds, mean_frequency, read_task, write_answer
+from .laws import LIBRARIES, NAMES, PeerLaw, States, term_values
+from .task import PeerTask, Rig, errors, folds, mean_frequency, read_task, write_answer
 
 WINDOWS = (0.1, 0.25, 0.5)
 """[periods of the motion] Smoothing that is tried. Source: a choice about 0.2, above which a
@@ -53,7 +53,7 @@ def settings_of(rig: Rig) -> list[Setting]:
     return [Setting(*one) for one in tried]
 
 
-def smoothed(task: Task, piece: Piece, window: float) -> States:
+def smoothed(task: PeerTask, piece: Piece, window: float) -> States:
     """Smooth and differentiate what was measured of each node, relative to the base."""
     rig = task.rig
     found: dict[int, tuple[int, Array]] = {}
@@ -124,8 +124,8 @@ def _integral(values: Array, rate_hz: float) -> Array:
 
 
 def regress(
-    task: Task, rows: Sequence[tuple[States, Array]], setting: Setting, slip: Array
-) -> Law:
+    task: PeerTask, rows: Sequence[tuple[States, Array]], setting: Setting, slip: Array
+) -> PeerLaw:
     """Regress the equations of motion of all nodes on the terms of a library."""
     rig = task.rig
     features = np.concatenate([term_values(s, rig.to, slip) for s, _ in rows])
@@ -151,10 +151,10 @@ def regress(
         block[:, used] = solved.reshape(len(near), -1)
         coefficients[near, :, node] = block
     nominal = float(setting.discrepancy)
-    return Law(coefficients, nominal, slip)
+    return PeerLaw(coefficients, nominal, slip)
 
 
-def choose(task: Task) -> tuple[Setting, float]:
+def choose(task: PeerTask) -> tuple[Setting, float]:
     """Choose the setting whose law foretells what it was not regressed on best."""
     settings = settings_of(task.rig)
     measured: list[Array] = []
@@ -168,7 +168,9 @@ def choose(task: Task) -> tuple[Setting, float]:
     return settings[best], scores[best]
 
 
-def laws_of(task: Task, pieces: Sequence[Piece], settings: Sequence[Setting]) -> list[Law]:
+def laws_of(
+    task: PeerTask, pieces: Sequence[Piece], settings: Sequence[Setting]
+) -> list[PeerLaw]:
     """Regress every setting on the same pieces."""
     rows: dict[float, list[tuple[States, Array]]] = {}
     for window in sorted({one.window for one in settings}):
@@ -178,7 +180,7 @@ def laws_of(task: Task, pieces: Sequence[Piece], settings: Sequence[Setting]) ->
     return [regress(task, rows[one.window], one, slip) for one in settings]
 
 
-def forces_of(task: Task, piece: Piece) -> Array:
+def forces_of(task: PeerTask, piece: Piece) -> Array:
     """Return the measured force on each node [time, node]."""
     series = [piece.channels[name] for name in task.rig.inputs]
     inputs = np.array(series).reshape(len(series), len(piece)).T
@@ -186,7 +188,7 @@ def forces_of(task: Task, piece: Piece) -> Array:
 
 
 def runs_of(
-    task: Task, piece: Piece, laws: Sequence[Law], settings: Sequence[Setting]
+    task: PeerTask, piece: Piece, laws: Sequence[PeerLaw], settings: Sequence[Setting]
 ) -> list[Array]:
     """Run laws free on a piece, or foretell its force where motion is imposed."""
     states = {one.window: smoothed(task, piece, one.window) for one in settings}
@@ -202,7 +204,7 @@ def runs_of(
     return runs.from_best_states(laws, np.array(starts))
 
 
-def equation(task: Task, law: Law) -> str:
+def equation(task: PeerTask, law: PeerLaw) -> str:
     """Write a law as a person would."""
     rows = []
     for node in range(task.rig.size):

@@ -129,7 +129,7 @@ def read_rig(path: Path) -> Rig:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Task:
+class PeerTask:
     """A model, pieces to learn from, pieces held out, and where to answer.
 
     `imposed` says that motion is imposed and the force foretold; `law` are the terms of the
@@ -160,7 +160,7 @@ class Task:
         )
 
 
-def read_task(arguments: Sequence[str] | None = None) -> Task:
+def read_task(arguments: Sequence[str] | None = None) -> PeerTask:
     """Read what is given on the command line as `slowtime diagnose` is given it."""
     parser = argparse.ArgumentParser()
     parser.add_argument("files", nargs="+", type=Path)
@@ -168,7 +168,7 @@ def read_task(arguments: Sequence[str] | None = None) -> Task:
     parser.add_argument("--out", type=Path, required=True)
     given = parser.parse_args(arguments)
     facts = json.loads((given.files[0].parent / "facts.json").read_text())
-    return Task(
+    return PeerTask(
         rig=read_rig(given.files[0]),
         learn=tuple(map(read_piece, given.files[1:])),
         judge=tuple(map(read_piece, given.holdout)),
@@ -178,7 +178,7 @@ def read_task(arguments: Sequence[str] | None = None) -> Task:
     )
 
 
-def folds(task: Task, most: int) -> list[tuple[list[Piece], list[Piece]]]:
+def folds(task: PeerTask, most: int) -> list[tuple[list[Piece], list[Piece]]]:
     """Split what is learnt from, to choose the settings of a tool by.
 
     Parameters
@@ -232,7 +232,7 @@ def errors(measured: Sequence[Array], runs: Sequence[Array]) -> float:
     return float(np.mean(left)) if np.isfinite(left).all() else float("inf")
 
 
-def write_answer(task: Task, runs: Sequence[Array], answer: dict[str, Any]) -> None:
+def write_answer(task: PeerTask, runs: Sequence[Array], answer: dict[str, Any]) -> None:
     """Write free runs on what was held out as ``holdout.npz``, and words as ``answer.json``."""
     task.out.mkdir(parents=True, exist_ok=True)
     measured = [task.outputs(piece) for piece in task.judge]

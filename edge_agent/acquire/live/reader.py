@@ -64,7 +64,7 @@ class RestartingTransport(Protocol):
     """A run that has lasted so long was sound: pauses are counted from the first again."""
 
 
-class Reader:
+class TransportReader:
     """Reads a transport in a thread of its own.
 
     Parameters

@@ -19,12 +19,12 @@ from .batch import UNIT_NS, Batch
 from .counts import SampleCounts
 from .formats.decoding import AnyLayout, Decoder, bounded, decoder_of
 from .formats.framing import framer_of
-from .indexing.assembly import MOST_WAITING, Assembler, Run
+from .indexing.assembly import MOST_WAITING, Assembler, SampleRun
 from .indexing.bursts import Backlog, Bursts
 from .indexing.counters import ByCounter
-from .indexing.positions import ByArrival, ByStamp, Placement, Positions
+from .indexing.positions import BatchPlacement, ByArrival, ByStamp, Positions
 from .rate_changes import RateWatch
-from .reader import DescribingTransport, Reader
+from .reader import DescribingTransport, TransportReader
 from .registry import Opened
 from .timestamps import Timing
 from .values import ValueWatch
@@ -53,7 +53,7 @@ class LiveSource:
         self.tally = SampleCounts()
         self._values = ValueWatch(self.tally)
         self._inbox: Inbox[Batch] = Inbox(10**9, settings.queue_samples)
-        self._reader: Reader | None = None
+        self._reader: TransportReader | None = None
         self._dropped = 0
         self._heard_s = monotonic()
         """When a message came last, on a clock that no adjustment sets back."""
@@ -94,7 +94,9 @@ class LiveSource:
         self._timing = Timing(rate_hz, stamps=self._is_utc, tally=self.tally)
         self._backlog = Backlog(rate_hz)
         self._began(rate_hz, 0)
-        self._reader = Reader(transport, decoders, framer, self._inbox, self.tally, self._stop)
+        self._reader = TransportReader(
+            transport, decoders, framer, self._inbox, self.tally, self._stop
+        )
 
     def counts(self) -> Mapping[str, int]:
         """Return the counters for `Health`; may be called from any thread."""
@@ -171,7 +173,7 @@ class LiveSource:
             self.tally.add("sensor_silences")
             logger.warning("The sensor has sent nothing for %.0f s.", quiet_s)
 
-    def _put(self, placement: Placement) -> Iterator[Block]:
+    def _put(self, placement: BatchPlacement) -> Iterator[Block]:
         index, batch, restarts = placement
         index += self._first_index
         if restarts:
@@ -251,7 +253,7 @@ class LiveSource:
                 self._values.note(run.rows)
                 yield self._block(run, reading)
 
-    def _block(self, run: Run, reading: ClockReading) -> Block:
+    def _block(self, run: SampleRun, reading: ClockReading) -> Block:
         start_ns = reading.time_ns(run.first_index)
         # The estimate moves a little as it gets better; time must not run back by that.
         if 0 <= self._start_ns - start_ns < STEADY_NS:

@@ -11,7 +11,7 @@ from typing import Annotated
 from pydantic import BaseModel, Field
 
 from slowtime_services.documents.document_files import read_checked_json
-from slowtime_services.engines import Engine, Job, Limits, Outcome
+from slowtime_services.engines import Engine, Job, JobEnd, JobLimits
 from slowtime_services.engines.jobs import Status
 
 from .cases import Case
@@ -19,13 +19,13 @@ from .cases import Case
 OUTCOME = "outcome.json"
 """File in the folder of a case: how it ended, and of which inputs."""
 REPORT = "report.json"
-NO_LIMITS = Limits()
+NO_LIMITS = JobLimits()
 Command = Callable[[Case, Path], tuple[str, ...]]
 """Gives the command that diagnoses a case into a folder."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
-class Batch:
+class CaseBatch:
     """Cases, and how they are run.
 
     Parameters
@@ -43,10 +43,10 @@ class Batch:
     cases: Sequence[Case]
     out: Path
     command: Command
-    limits: Limits = NO_LIMITS
+    limits: JobLimits = NO_LIMITS
 
 
-def run_batch(batch: Batch, engine: Engine, stop: threading.Event) -> Iterator[Outcome]:
+def run_batch(batch: CaseBatch, engine: Engine, stop: threading.Event) -> Iterator[JobEnd]:
     """Run all cases that were not finished before, and give the outcome of each as it ends.
 
     A case is finished once it has a report, or has failed by itself, of the same files and the
@@ -94,13 +94,13 @@ class _KeptOutcome(BaseModel):
     message: str = ""
 
 
-def _kept(folder: Path, mark: str) -> Outcome | None:
+def _kept(folder: Path, mark: str) -> JobEnd | None:
     """Give the outcome of an earlier run of the same inputs, if it would be the same again."""
     try:
         kept = read_checked_json(folder / OUTCOME, _KeptOutcome)
     except (OSError, ValueError):
         return None
-    same, outcome = kept.inputs == mark, Outcome(**kept.model_dump(exclude={"inputs"}))
+    same, outcome = kept.inputs == mark, JobEnd(**kept.model_dump(exclude={"inputs"}))
     finished = outcome.status == "failed" or (
         outcome.status == "done" and (folder / REPORT).is_file()
     )

@@ -9,7 +9,7 @@ from pydantic import BaseModel
 
 from slowtime_services.documents.bounds import DATA, DocumentError
 from slowtime_services.documents.document_files import read_checked_json
-from slowtime_services.engines import Outcome
+from slowtime_services.engines import JobEnd
 from slowtime_services.reasons import reason_of
 
 from .runs import REPORT
@@ -24,7 +24,7 @@ written as `effect@place`, with semicolons between them; the probability is that
 certain one; for a case that failed, the sentence is the end of its error output."""
 
 
-def write_summary(out: Path, outcomes: Sequence[Outcome]) -> Path:
+def write_summary(out: Path, outcomes: Sequence[JobEnd]) -> Path:
     """Write `summary.csv` of the cases that ended so far, by name.
 
     Parameters
@@ -49,7 +49,7 @@ def write_summary(out: Path, outcomes: Sequence[Outcome]) -> Path:
     return path
 
 
-def row_of(out: Path, outcome: Outcome) -> dict[str, Any]:
+def row_of(out: Path, outcome: JobEnd) -> dict[str, Any]:
     """Give the row of a case.
 
     Parameters
@@ -104,7 +104,7 @@ class _Effect(BaseModel):
     probability: float | None = None
 
 
-class _Gap(BaseModel):
+class _GapRow(BaseModel):
     nominal: float | None
     refitted_nominal: float | None
     augmented: float | None
@@ -118,4 +118,4 @@ class _Report(BaseModel):
     sentence: str
     effects: tuple[_Effect, ...]
     undecided: tuple[_Effect, ...]
-    gap: _Gap
+    gap: _GapRow

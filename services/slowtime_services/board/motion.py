@@ -24,7 +24,7 @@ SHARES = np.array([1.0, 0.6, 0.15])
 """Of the axes in the motion."""
 
 
-class Readings(NamedTuple):
+class Burst(NamedTuple):
     """Consecutive samples and the number of the first."""
 
     counter: int
@@ -56,7 +56,7 @@ class Board:
                 "Hz. Lower it, or raise rate_hz."
             )
 
-    def readings(self, samples: int, rng: np.random.Generator) -> Iterator[Readings]:
+    def readings(self, samples: int, rng: np.random.Generator) -> Iterator[Burst]:
         """Yield readings of so many samples each, without end."""
         modes = [
             (self._filter(ratio * self.frequency_hz), share, np.zeros(2))
@@ -72,7 +72,7 @@ class Board:
             noise = rng.normal(0.0, NOISE_COUNTS, (samples, 3))
             counts = np.rint(motion[:, None] * SHARES + noise).astype(np.int64)
             counts[:, 2] += GRAVITY_COUNTS
-            yield Readings(counter, counts)
+            yield Burst(counter, counts)
             counter += samples
 
     def _filter(self, frequency_hz: float) -> tuple[np.ndarray, np.ndarray]:

@@ -14,7 +14,7 @@ from slowtime_schemas.messages import SensorSamples
 from slowtime_schemas.streams import SAMPLES
 from slowtime_services.bus import ZenohBus
 
-from .motion import COUNT_M_PER_S2, Readings
+from .motion import COUNT_M_PER_S2, Burst
 
 DESTINATIONS: Mapping[str, str] = {
     "mqtt": "mqtt://HOST:PORT/TOPIC, a JSON message",
@@ -30,7 +30,7 @@ DESTINATIONS: Mapping[str, str] = {
 class Sender(Protocol):
     """Takes readings to where they go."""
 
-    def send(self, readings: Readings) -> None:
+    def send(self, readings: Burst) -> None:
         """Send blocks; OSError if no receiver accepts them."""
         ...
 
@@ -39,7 +39,7 @@ class Sender(Protocol):
         ...
 
 
-def lines_of(readings: Readings) -> bytes:
+def lines_of(readings: Burst) -> bytes:
     """One line a sample: counter, then the axes."""
     return b"".join(
         b"%d,%d,%d,%d\n" % (readings.counter + n, *row)
@@ -47,7 +47,7 @@ def lines_of(readings: Readings) -> bytes:
     )
 
 
-def json_of(readings: Readings) -> bytes:
+def json_of(readings: Burst) -> bytes:
     """One object: the counter of the first sample, and an array an axis."""
     x, y, z = readings.counts.T.tolist()
     return json.dumps({"n": readings.counter, "x": x, "y": y, "z": z}).encode()
@@ -57,7 +57,7 @@ class _Lines:
     def __init__(self, write: Callable[[bytes], object], close: Callable[[], object]) -> None:
         self._write, self._close = write, close
 
-    def send(self, readings: Readings) -> None:
+    def send(self, readings: Burst) -> None:
         self._write(lines_of(readings))
 
     def close(self) -> None:
@@ -79,7 +79,7 @@ class _Mqtt:
         self._client.connect(host, port)
         self._client.loop_start()
 
-    def send(self, readings: Readings) -> None:
+    def send(self, readings: Burst) -> None:
         self._client.publish(self._topic, json_of(readings), qos=1)
 
     def close(self) -> None:
@@ -92,7 +92,7 @@ class _Zenoh:
         self._bus = ZenohBus("client", (router,))
         self._site, self._asset, self._rate_hz, self._sequence = site, asset, rate_hz, 0
 
-    def send(self, readings: Readings) -> None:
+    def send(self, readings: Burst) -> None:
         message = SensorSamples(
             site=self._site,
             asset=self._asset,

@@ -16,10 +16,12 @@ logger = logging.getLogger(__name__)
 Handler = Callable[[Query], Iterable[tuple[str, bytes]]]
 
 
-class _Declared:
+class _Declaration:
     """One subscription, queryable, token or watch, in the table it is kept in."""
 
-    def __init__(self, table: "list[_Declared]", key: str, callback: object, bus: "MemoryBus"):
+    def __init__(
+        self, table: "list[_Declaration]", key: str, callback: object, bus: "MemoryBus"
+    ):
         self.key, self.callback, self.bus = key, callback, bus
         self._table = table
 
@@ -32,10 +34,10 @@ class _Network:
 
     def __init__(self) -> None:
         self.lock = threading.RLock()
-        self.subscribers: list[_Declared] = []
-        self.answerers: list[_Declared] = []
-        self.tokens: list[_Declared] = []
-        self.watchers: list[_Declared] = []
+        self.subscribers: list[_Declaration] = []
+        self.answerers: list[_Declaration] = []
+        self.tokens: list[_Declaration] = []
+        self.watchers: list[_Declaration] = []
 
 
 class MemoryBus:
@@ -81,11 +83,13 @@ class MemoryBus:
             if matches(declared.key, key):
                 declared.bus._call(declared.callback, sample)
 
-    def subscribe(self, key_expression: str, callback: Callable[[Sample], None]) -> _Declared:
+    def subscribe(
+        self, key_expression: str, callback: Callable[[Sample], None]
+    ) -> _Declaration:
         """Call `callback` for each message on `key_expression`."""
         return self._declare(self._network.subscribers, key_expression, callback)
 
-    def answer(self, key: str, handler: Handler) -> _Declared:
+    def answer(self, key: str, handler: Handler) -> _Declaration:
         """Answer questions on `key` with the pairs that `handler` gives."""
         return self._declare(self._network.answerers, key, handler)
 
@@ -109,7 +113,7 @@ class MemoryBus:
             timeout_s,
         )
 
-    def announce(self, key: str) -> _Declared:
+    def announce(self, key: str) -> _Declaration:
         """Be alive under `key` until the handle, or this bus, is closed."""
         check_key(key, wildcards=False)
         with self._network.lock:
@@ -119,7 +123,7 @@ class MemoryBus:
                 self._tell_watchers(key, alive=True)
         return token
 
-    def watch(self, key_expression: str, callback: Callable[[str, bool], None]) -> _Declared:
+    def watch(self, key_expression: str, callback: Callable[[str, bool], None]) -> _Declaration:
         """Call `callback(key, alive)` for those alive now and for each change."""
         with self._network.lock:
             declared = self._declare(self._network.watchers, key_expression, callback)
@@ -154,14 +158,14 @@ class MemoryBus:
         if self._closed:
             raise BusClosedError
 
-    def _declare(self, table: list[_Declared], key: str, callback: object) -> _Declared:
+    def _declare(self, table: list[_Declaration], key: str, callback: object) -> _Declaration:
         self._check_open()
-        declared = _Declared(table, check_key(key, wildcards=True), callback, self)
+        declared = _Declaration(table, check_key(key, wildcards=True), callback, self)
         with self._network.lock:
             table.append(declared)
         return declared
 
-    def _withdraw(self, table: list[_Declared], declared: _Declared) -> None:
+    def _withdraw(self, table: list[_Declaration], declared: _Declaration) -> None:
         with self._network.lock:
             if declared not in table:
                 return

@@ -6,30 +6,24 @@ import time
 from collections.abc import Generator, Iterator, Mapping
 from http.client import HTTPException, HTTPResponse
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Self
+from typing import Any, Literal, NamedTuple, Self, TypeVar
 
-from pydantic import TypeAdapter
 from pydantic_core import from_json
 
+from slowtime_schemas.answers.asset_events import AssetEventList, AssetEventModel
+from slowtime_schemas.answers.base import RestAnswer
+from slowtime_schemas.answers.composites import CompositeBrief, CompositeList, CompositeModel
+from slowtime_schemas.answers.forecasts import ForecastModel, TrackRecordModel
+from slowtime_schemas.answers.history import EventList, EventModel, HashModel, HistoryModel
+from slowtime_schemas.answers.plans import FleetPlanModel, PlanModel
+from slowtime_schemas.answers.risks import RiskModel
+from slowtime_schemas.answers.twins import RegisteredTwin, State
 from slowtime_schemas.registration_changes import RegistrationChange, RegistrationChanges
 
-from .answers import (
-    AssetEvent,
-    AssetEvents,
-    Bands,
-    Digest,
-    Event,
-    FleetPlan,
-    Forecast,
-    History,
-    MaintenancePlan,
-    Risk,
-    State,
-    TrackRecord,
-    Twin,
-)
-from .composite_answers import Composite, CompositeBrief
+from .history import TwinHistory
 from .http import AnswerError, HttpConnection, UnreachableError
+
+AnyAnswer = TypeVar("AnyAnswer", bound=RestAnswer)
 
 TOKEN = "SLOWTIME_TOKEN"
 """Name of the variable that holds the token; arguments may be read by others."""
@@ -46,7 +40,7 @@ class Live(NamedTuple):
     """Something that has happened: a state, an event, or that the history is another now."""
 
     state: State | None = None
-    event: Event | None = None
+    event: EventModel | None = None
     reset: bool = False
     id: str = ""
     """Where to go on from, for `Client.live`."""
@@ -122,6 +116,16 @@ class Client:
             ) from error
         return found
 
+    def _ask(
+        self,
+        answer: type[AnyAnswer],
+        method: str,
+        path: str,
+        query: Mapping[str, object] | None = None,
+        body: object = None,
+    ) -> AnyAnswer:
+        return answer.model_validate(self.json(method, path, query, body))
+
     def ready(self) -> bool:
         """Whether the server is there and can do its work."""
         try:
@@ -130,17 +134,18 @@ class Client:
             return False
         return True
 
-    def twins(self) -> list[Twin]:
+    def twins(self) -> list[RegisteredTwin]:
         """All twins that the token may see, each with its latest state."""
-        return _TWINS.validate_python(self.json("GET", "/twins")["twins"])
+        told = self.json("GET", "/twins")["twins"]
+        return [RegisteredTwin.model_validate(one) for one in told]
 
-    def twin(self, twin_id: str, *, at: str | None = None) -> Twin:
+    def twin(self, twin_id: str, *, at: str | None = None) -> RegisteredTwin:
         """Find a twin as it is, or as it was `at` a moment.
 
         `at` is RFC 3339, nanoseconds since 1970, or slow time as ``slow:812.5``; so are all
         moments here.
         """
-        return Twin.model_validate(self.json("GET", f"/twins/{twin_id}", {"at": at}))
+        return self._ask(RegisteredTwin, "GET", f"/twins/{twin_id}", {"at": at})
 
     def heads(self, *, after: int | None = None, limit: int = 1) -> list[dict[str, Any]]:
         """Signed heads of the ledger: the newest, or those that follow a number."""
@@ -162,11 +167,9 @@ class Client:
         asked = {"boot": boot, "sequence": sequence, "before": before}
         return dict(self.json("GET", f"/ledger/chains/{twin_id}/inclusion", asked))
 
-    def register(self, twin_id: str, registration: Mapping[str, Any]) -> Twin:
+    def register(self, twin_id: str, registration: Mapping[str, Any]) -> RegisteredTwin:
         """Register a twin; an existing one is replaced, and its history estimated again."""
-        return Twin.model_validate(
-            self.json("PUT", f"/twins/{twin_id}", body=dict(registration))
-        )
+        return self._ask(RegisteredTwin, "PUT", f"/twins/{twin_id}", body=dict(registration))
 
     def change(
         self,
@@ -187,21 +190,20 @@ class Client:
             Reason, kept with the change.
         """
         body = {"after": dict(after), "before": dict(before or {}), "person": person}
-        told = self.json("POST", f"/twins/{twin_id}/changes", body=body | {"text": text})
-        return RegistrationChange.model_validate(told)
+        return self._ask(
+            RegistrationChange, "POST", f"/twins/{twin_id}/changes", body=body | {"text": text}
+        )
 
     def undo_change(
         self, twin_id: str, number: int, *, person: str | None = None, text: str = ""
     ) -> RegistrationChange:
         """Put back what a change has replaced; refused if it was changed again since."""
         body = {"reverses": number, "person": person, "text": text}
-        told = self.json("POST", f"/twins/{twin_id}/changes", body=body)
-        return RegistrationChange.model_validate(told)
+        return self._ask(RegistrationChange, "POST", f"/twins/{twin_id}/changes", body=body)
 
     def changes(self, twin_id: str) -> tuple[RegistrationChange, ...]:
         """Return the changes of a registration, with authors and values, the newest first."""
-        told = self.json("GET", f"/twins/{twin_id}/changes")
-        return RegistrationChanges.model_validate(told).changes
+        return self._ask(RegistrationChanges, "GET", f"/twins/{twin_id}/changes").changes
 
     def delete(self, twin_id: str) -> None:
         """Forget a twin and its history."""
@@ -226,18 +228,14 @@ class Client:
         start: str | None = None,
         end: str | None = None,
         max_points: int | None = None,
-    ) -> History:
+    ) -> TwinHistory:
         """States from `start` to `end`; of too many, a selection with statistics of all.
 
         `bands` of the answer then hold means, extremes and intervals of all of them.
         """
         query = {"start": start, "end": end, "max_points": max_points}
-        found = self.json("GET", f"/twins/{twin_id}/history", query)
-        bands = found.get("bands")
-        return History(
-            _STATES.validate_python(found["points"]),
-            None if bands is None else Bands.model_validate(bands),
-        )
+        found = self._ask(HistoryModel, "GET", f"/twins/{twin_id}/history", query)
+        return TwinHistory(found.points, found.bands)
 
     def export(
         self,
@@ -257,9 +255,9 @@ class Client:
                 written += file.write(piece)
         return written
 
-    def digest(self, twin_id: str) -> Digest:
+    def digest(self, twin_id: str) -> HashModel:
         """SHA-256 of a twin's whole history."""
-        return Digest.model_validate(self.json("GET", f"/twins/{twin_id}/history/hash"))
+        return self._ask(HashModel, "GET", f"/twins/{twin_id}/history/hash")
 
     def forecast(
         self,
@@ -268,14 +266,14 @@ class Client:
         horizon: float | None = None,
         points: int | None = None,
         threshold: float | None = None,
-    ) -> Forecast:
+    ) -> ForecastModel:
         """Return the forecast of a twin, and when thresholds are reached."""
         query = {"horizon": horizon, "points": points, "threshold": threshold}
-        return Forecast.model_validate(self.json("GET", f"/twins/{twin_id}/forecast", query))
+        return self._ask(ForecastModel, "GET", f"/twins/{twin_id}/forecast", query)
 
-    def track_record(self, twin_id: str) -> TrackRecord:
+    def track_record(self, twin_id: str) -> TrackRecordModel:
         """Return what came of the past outlooks of a twin: coverage, reliability, scores."""
-        return TrackRecord.model_validate(self.json("GET", f"/twins/{twin_id}/forecast/record"))
+        return self._ask(TrackRecordModel, "GET", f"/twins/{twin_id}/forecast/record")
 
     def plan(
         self,
@@ -284,19 +282,19 @@ class Client:
         lead_time: float | None = None,
         months: str | None = None,
         accepted: float | None = None,
-    ) -> MaintenancePlan:
+    ) -> PlanModel:
         """Return the recommended action for a twin's structure, with date and reasons.
 
         Lead time (in the unit of its costs), months such as "5-9" and accepted probability
         take the place of those registered.
         """
         query = {"lead_time": lead_time, "months": months, "accepted": accepted}
-        return MaintenancePlan.model_validate(self.json("GET", f"/twins/{twin_id}/plan", query))
+        return self._ask(PlanModel, "GET", f"/twins/{twin_id}/plan", query)
 
-    def risk(self, twin_id: str, *, horizon: float | None = None) -> Risk:
+    def risk(self, twin_id: str, *, horizon: float | None = None) -> RiskModel:
         """Return the probability of failure by each limit state of a twin."""
         query = {"horizon": horizon}
-        return Risk.model_validate(self.json("GET", f"/twins/{twin_id}/risk", query))
+        return self._ask(RiskModel, "GET", f"/twins/{twin_id}/risk", query)
 
     def fleet_plan(
         self,
@@ -305,10 +303,10 @@ class Client:
         visits: int | None = None,
         window_d: float | None = None,
         budget: float | None = None,
-    ) -> FleetPlan:
+    ) -> FleetPlanModel:
         """Return where inspection teams should go within a window [days]."""
         query = {"teams": teams, "visits": visits, "window_d": window_d, "budget": budget}
-        return FleetPlan.model_validate(self.json("GET", "/fleet/plan", query))
+        return self._ask(FleetPlanModel, "GET", "/fleet/plan", query)
 
     def simulate(self, twin_id: str, order: Mapping[str, Any]) -> dict[str, Any]:
         """Run today's twin under a load; as `docs/foresight.md` describes order and answer."""
@@ -316,20 +314,17 @@ class Client:
 
     def events(
         self, twin_id: str, *, after: int | None = None, limit: int | None = None
-    ) -> list[Event]:
+    ) -> list[EventModel]:
         """Find the newest events, or with `after` those that follow the one of that number."""
         query = {"after": after, "limit": limit}
-        return _EVENTS.validate_python(
-            self.json("GET", f"/twins/{twin_id}/events", query)["events"]
-        )
+        return list(self._ask(EventList, "GET", f"/twins/{twin_id}/events", query).events)
 
-    def record_event(self, twin_id: str, event: Mapping[str, Any]) -> AssetEvent:
+    def record_event(self, twin_id: str, event: Mapping[str, Any]) -> AssetEventModel:
         """Record a repair, replacement, inspection, load test or note of an asset.
 
         `docs/events.md` describes what `event` holds; the same one twice is one event.
         """
-        told = self.json("POST", f"/twins/{twin_id}/events", body=dict(event))
-        return AssetEvent.model_validate(told)
+        return self._ask(AssetEventModel, "POST", f"/twins/{twin_id}/events", body=dict(event))
 
     def undo_event(
         self,
@@ -339,7 +334,7 @@ class Client:
         name: str | None = None,
         person: str | None = None,
         text: str = "",
-    ) -> AssetEvent:
+    ) -> AssetEventModel:
         """Withdraw an event: the forecast is as if it had never been reported.
 
         Parameters
@@ -353,9 +348,9 @@ class Client:
         undone = {"event": name or own, "kind": "note", "reverses": event}
         return self.record_event(twin_id, undone | {"person": person, "text": text})
 
-    def recorded_events(self, twin_id: str) -> AssetEvents:
+    def recorded_events(self, twin_id: str) -> AssetEventList:
         """Return reported events, and changes that the twin asks about."""
-        return AssetEvents.model_validate(self.json("GET", f"/twins/{twin_id}/events/recorded"))
+        return self._ask(AssetEventList, "GET", f"/twins/{twin_id}/events/recorded")
 
     def alarms(self, twin_id: str, *, limit: int | None = None) -> list[dict[str, Any]]:
         """Return the newest alarms: whether each is still raised, and who acknowledged it."""
@@ -399,19 +394,21 @@ class Client:
 
     def composites(self) -> list[CompositeBrief]:
         """All composites whose twins the token may see, with their health."""
-        return _COMPOSITES.validate_python(self.json("GET", "/composites")["composites"])
+        return list(self._ask(CompositeList, "GET", "/composites").composites)
 
-    def composite(self, composite_id: str, *, horizon: float | None = None) -> Composite:
+    def composite(self, composite_id: str, *, horizon: float | None = None) -> CompositeModel:
         """Find a composite: health, failure probability, importance, pooled rates."""
-        told = self.json("GET", f"/composites/{composite_id}", {"horizon": horizon})
-        return Composite.model_validate(told)
+        return self._ask(
+            CompositeModel, "GET", f"/composites/{composite_id}", {"horizon": horizon}
+        )
 
     def register_composite(
         self, composite_id: str, registration: Mapping[str, Any]
-    ) -> Composite:
+    ) -> CompositeModel:
         """Register a composite; an existing one is replaced."""
-        told = self.json("PUT", f"/composites/{composite_id}", body=dict(registration))
-        return Composite.model_validate(told)
+        return self._ask(
+            CompositeModel, "PUT", f"/composites/{composite_id}", body=dict(registration)
+        )
 
     def delete_composite(self, composite_id: str) -> None:
         """Delete a composite; its members stay."""
@@ -476,11 +473,5 @@ def _live(fields: Mapping[str, str]) -> Live | None:
     if kind == "state":
         return Live(state=State.model_validate_json(told), id=at)
     if kind == "event":
-        return Live(event=Event.model_validate_json(told), id=at)
+        return Live(event=EventModel.model_validate_json(told), id=at)
     return Live(reset=True, id=at) if kind == "reset" else None
-
-
-_TWINS = TypeAdapter(list[Twin])
-_COMPOSITES = TypeAdapter(list[CompositeBrief])
-_STATES = TypeAdapter(list[State])
-_EVENTS = TypeAdapter(list[Event])

@@ -11,6 +11,7 @@ from typing import cast
 from urllib.parse import urlencode, urlsplit
 
 from slowtime_services.documents.json_documents import read_json
+from slowtime_services.outbound.connections import NoRedirects
 from slowtime_services.reasons import reason_of
 
 
@@ -36,13 +37,6 @@ class UnreachableError(ConnectionError):
     """The address does not answer, or is no twin server."""
 
 
-class _NoRedirects(urllib.request.HTTPRedirectHandler):
-    """A token is for the server that was named, not for another that it points to."""
-
-    def redirect_request(self, *_: object) -> None:
-        """Follow nothing."""
-
-
 class HttpConnection:
     """Where a server is asked.
 
@@ -66,7 +60,7 @@ class HttpConnection:
         self._headers = {"Authorization": f"Bearer {token}"} if token else {}
         context = ssl.create_default_context(cafile=None if ca is None else str(ca))
         self._opener = urllib.request.build_opener(
-            urllib.request.HTTPSHandler(context=context), _NoRedirects
+            urllib.request.HTTPSHandler(context=context), NoRedirects
         )
 
     def ask(

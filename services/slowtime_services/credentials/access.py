@@ -13,7 +13,7 @@ from slowtime_schemas.streams import current_key
 from .roles import Role, rights
 
 
-class Holder(Protocol):
+class CertificateHolder(Protocol):
     """Holder of a certificate."""
 
     @property
@@ -37,7 +37,7 @@ class Holder(Protocol):
         ...
 
 
-def access_control(holders: Iterable[Holder]) -> dict[str, Any]:
+def access_control(holders: Iterable[CertificateHolder]) -> dict[str, Any]:
     """Value of Zenoh's `access_control` for a router that serves only `holders`."""
     grouped: dict[tuple[str, str, str | None], list[str]] = {}
     for holder in holders:

@@ -24,7 +24,7 @@ Series = Float[np.ndarray, " time"]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Gathered:
+class GatheredCampaign:
     """A campaign, the record that each trial to learn from comes from, and notes."""
 
     campaign: Campaign
@@ -61,7 +61,7 @@ def gather(
     records: Sequence[Source],
     holdout: Sequence[Source] = (),
     roles: Roles | None = None,
-) -> Gathered:
+) -> GatheredCampaign:
     """Build a campaign as `campaign_of` does, and return the record of each trial."""
     roles = {} if roles is None else roles
     _refuse_unknown(roles, description)
@@ -79,7 +79,7 @@ def gather(
     if not judged:
         _refuse_short(learnt, origins)
     campaign = Campaign(description=description, trials=learnt, holdout=judged)
-    return Gathered(campaign, tuple(origins), tuple(notes))
+    return GatheredCampaign(campaign, tuple(origins), tuple(notes))
 
 
 def _heard_of(trials: Iterable[Trial], source: Source, notes: list[str]) -> Iterator[Trial]:

@@ -17,7 +17,7 @@ from slowtime_services.reports import Chart, Section, Table, Words, write_page
 
 from .charts import AUGMENTED, MEASURED, NOMINAL
 from .first_pages import history_page
-from .history_table import History
+from .history_table import TabulatedHistory
 from .labels import VERDICTS, named
 
 _MOST_POINTS = 2_000
@@ -30,7 +30,7 @@ _TITLES = {"stiffness_change": "stiffness change", "frequency_ratio": "frequency
 
 
 def diagnose_with_document(
-    history: History, *, progress: Callable[[str, float], None] | None = None
+    history: TabulatedHistory, *, progress: Callable[[str, float], None] | None = None
 ) -> tuple[HistoryReport, dict[str, Any]]:
     """Diagnose a history, and return the report and its document.
 

@@ -31,7 +31,7 @@ UNITS = {"c": "°C", "k": "K", "kg": "kg", "t": "t", "n": "N", "percent": "%"}
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class History:
+class TabulatedHistory:
     """The history that a diagnosis in slow time uses.
 
     Parameters
@@ -62,7 +62,7 @@ def covariate(name: str, values: Series) -> Covariate:
     return Covariate(name, values, UNITS.get(name.split("_")[-1], ""))
 
 
-def read_history(path: Path) -> History:
+def read_history(path: Path) -> TabulatedHistory:
     """Read a history from text with a header or from .npz, one column for each quantity.
 
     The time is called slow_time (or time, t), the value stiffness_change, frequency_ratio
@@ -86,7 +86,7 @@ def read_history(path: Path) -> History:
         centre = float(np.median(value))
         value, sd = value / centre - 1.0, sd / centre
     others = {key for key in columns if key not in (time, name, deviation)}
-    return History(
+    return TabulatedHistory(
         of=path.stem,
         time=columns[time][fine],
         value=value,

@@ -43,7 +43,7 @@ class Job:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
-class Limits:
+class JobLimits:
     """Limits of each job.
 
     Parameters
@@ -62,7 +62,7 @@ class Limits:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Outcome:
+class JobEnd:
     """How a job ended.
 
     Parameters
@@ -92,8 +92,8 @@ class Engine(Protocol):
     """Runs jobs beside each other."""
 
     def run(
-        self, jobs: Sequence[Job], limits: Limits, stop: threading.Event
-    ) -> Iterator[Outcome]:
+        self, jobs: Sequence[Job], limits: JobLimits, stop: threading.Event
+    ) -> Iterator[JobEnd]:
         """Run jobs, and give the outcome of each as it ends.
 
         Parameters
@@ -108,7 +108,7 @@ class Engine(Protocol):
         ...
 
 
-def run_job(job: Job, limits: Limits, stop: threading.Event | None = None) -> Outcome:
+def run_job(job: Job, limits: JobLimits, stop: threading.Event | None = None) -> JobEnd:
     """Run a job in a process, again if it is killed from outside, and tell how it ended.
 
     Parameters
@@ -128,7 +128,7 @@ def run_job(job: Job, limits: Limits, stop: threading.Event | None = None) -> Ou
     return found
 
 
-def _attempt(job: Job, limits: Limits, stop: threading.Event, attempt: int) -> Outcome:
+def _attempt(job: Job, limits: JobLimits, stop: threading.Event, attempt: int) -> JobEnd:
     begun = time.monotonic()
     with subprocess.Popen(
         _limited(job.command, limits),
@@ -145,7 +145,7 @@ def _attempt(job: Job, limits: Limits, stop: threading.Event, attempt: int) -> O
         ended = _wait(process, limits, stop, begun)
         listener.join(timeout=1.0)
     message = heard.decode(errors="replace")[-LAST_CHARACTERS:].strip()
-    return Outcome(
+    return JobEnd(
         job.name,
         ended or _status(process.returncode, message, limits),
         time.monotonic() - begun,
@@ -162,7 +162,7 @@ def _listen(process: "subprocess.Popen[bytes]", heard: bytearray) -> None:
 
 
 def _wait(
-    process: "subprocess.Popen[bytes]", limits: Limits, stop: threading.Event, begun: float
+    process: "subprocess.Popen[bytes]", limits: JobLimits, stop: threading.Event, begun: float
 ) -> Status | None:
     """Wait for the end of a process; say why it was ended here, None if it was not."""
     while True:
@@ -178,7 +178,7 @@ def _wait(
             return None
 
 
-def _status(code: int, message: str, limits: Limits) -> Status:
+def _status(code: int, message: str, limits: JobLimits) -> Status:
     """Tell why a process ended by itself."""
     if code == 0:
         return "done"
@@ -191,7 +191,7 @@ def _environment(given: Mapping[str, str]) -> dict[str, str]:
     return {**given, **ONE_THREAD}
 
 
-def _limited(command: Sequence[str], limits: Limits) -> list[str]:
+def _limited(command: Sequence[str], limits: JobLimits) -> list[str]:
     """Give the command, begun by a program that limits its own memory where one is limited."""
     if not limits.mebibytes:
         return list(command)

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Generator, Sequence
 
 from .cores import usable_cores
-from .jobs import Engine, Job, Limits, Outcome, run_job
+from .jobs import Engine, Job, JobEnd, JobLimits, run_job
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -22,8 +22,8 @@ class LocalEngine(Engine):
     workers: int = 0
 
     def run(
-        self, jobs: Sequence[Job], limits: Limits, stop: threading.Event
-    ) -> Generator[Outcome, None, None]:
+        self, jobs: Sequence[Job], limits: JobLimits, stop: threading.Event
+    ) -> Generator[JobEnd, None, None]:
         """Run jobs, and give the outcome of each as it ends."""
         workers = self.workers or usable_cores()
         with concurrent.futures.ThreadPoolExecutor(workers) as pool:
@@ -39,5 +39,5 @@ class LocalEngine(Engine):
                     stop.set()
 
 
-def _run_unless_stopped(job: Job, limits: Limits, stop: threading.Event) -> Outcome | None:
+def _run_unless_stopped(job: Job, limits: JobLimits, stop: threading.Event) -> JobEnd | None:
     return None if stop.is_set() else run_job(job, limits, stop)

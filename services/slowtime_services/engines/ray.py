@@ -5,7 +5,7 @@ import threading
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from .jobs import Engine, Job, Limits, Outcome, run_job
+from .jobs import Engine, Job, JobEnd, JobLimits, run_job
 from .local import LocalEngine
 
 WAIT_S = 0.5
@@ -26,8 +26,8 @@ class RayEngine(Engine):
     address: str = ""
 
     def run(
-        self, jobs: Sequence[Job], limits: Limits, stop: threading.Event
-    ) -> Iterator[Outcome]:
+        self, jobs: Sequence[Job], limits: JobLimits, stop: threading.Event
+    ) -> Iterator[JobEnd]:
         """Run jobs, and give the outcome of each as it ends.
 
         Raises
@@ -52,12 +52,12 @@ class RayEngine(Engine):
             ray.shutdown()
 
 
-def _outcome(ray: Any, ended: Any, job: Job) -> Outcome:
+def _outcome(ray: Any, ended: Any, job: Job) -> JobEnd:
     """Give the outcome of a task; that its workers were lost in every attempt is one, too."""
     try:
-        outcome: Outcome = ray.get(ended)
+        outcome: JobEnd = ray.get(ended)
     except ray.exceptions.RayError as error:
-        return Outcome(job.name, "killed", 0.0, 0, f"Ray: {type(error).__name__}")
+        return JobEnd(job.name, "killed", 0.0, 0, f"Ray: {type(error).__name__}")
     return outcome
 
 

@@ -15,7 +15,7 @@ from slowtime.identification.frequency_response.response import FrequencyRespons
 from slowtime_services.files import RecordError
 from slowtime_services.files.formats.universal import MARK
 from slowtime_services.files.units import unit_of
-from slowtime_services.modal import Geometry, Place, places_of
+from slowtime_services.modal import Geometry, NodeAxis, places_of
 
 _FREQUENCY_RESPONSE, _COHERENCE = 4, 6
 _REAL_DOUBLE, _COMPLEX_DOUBLE = 4, 6
@@ -85,11 +85,11 @@ def write_responses(
     return count
 
 
-def _places(names: Sequence[str], geometry: Geometry | None) -> Sequence[Place]:
+def _places(names: Sequence[str], geometry: Geometry | None) -> Sequence[NodeAxis]:
     try:
         return places_of(tuple(names), geometry or Geometry())
     except RecordError:  # two names with one ending: a node each
-        return [Place(number, 1) for number in range(1, len(names) + 1)]
+        return [NodeAxis(number, 1) for number in range(1, len(names) + 1)]
 
 
 def _dataset(
@@ -97,7 +97,7 @@ def _dataset(
     frequency_hz: np.ndarray,
     values: np.ndarray,
     pair: tuple[tuple[str, str], tuple[str, str]],
-    places: tuple[Place, Place],
+    places: tuple[NodeAxis, NodeAxis],
     details: tuple[str, str],
 ) -> Iterator[str]:
     (output, unit), (driven, of_input) = pair

@@ -14,7 +14,7 @@ import numpy as np
 from slowtime_services.files import Record, RecordError
 from slowtime_services.files.formats.universal import MARK
 from slowtime_services.files.units import unit_of
-from slowtime_services.modal import Place, places_of
+from slowtime_services.modal import NodeAxis, places_of
 
 TIME_RESPONSE, EVEN, TIME = 1, 1, 17
 """Function type, spacing and abscissa of a record [1]_."""
@@ -53,14 +53,14 @@ def write_universal(path: Path, record: Record) -> None:
             file.write(text.encode("latin-1", "replace") + body + f"{-1:6d}\n".encode())
 
 
-def _places(channels: Sequence[str]) -> Sequence[Place]:
+def _places(channels: Sequence[str]) -> Sequence[NodeAxis]:
     try:
         return places_of(channels)
     except RecordError:  # two names with one ending: a node each
-        return [Place(number, 1) for number in range(1, len(channels) + 1)]
+        return [NodeAxis(number, 1) for number in range(1, len(channels) + 1)]
 
 
-def _heading(record: Record, column: int, place: Place, kind: int) -> list[str]:
+def _heading(record: Record, column: int, place: NodeAxis, kind: int) -> list[str]:
     name, unit = record.channels[column], record.units[column]
     known = unit_of(unit, name)
     start = "NONE" if record.start_ns is None else str(np.datetime64(record.start_ns, "ns"))

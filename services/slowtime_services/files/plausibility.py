@@ -31,7 +31,7 @@ duration and a number of samples."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
-class Measured:
+class RowFigures:
     """Figures of the rows and the clock.
 
     Parameters
@@ -77,7 +77,7 @@ class Measured:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Verdict:
+class ReadingVerdict:
     """The one reading that all figures allow."""
 
     rate_hz: float | None
@@ -87,13 +87,13 @@ class Verdict:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class _Reading:
+class _RowGuess:
     wrapped: bool
     samples: int
     rate_hz: float | None
 
 
-def judge(name: str, facts: Facts, measured: Measured) -> Verdict:
+def judge(name: str, facts: Facts, measured: RowFigures) -> ReadingVerdict:
     """Find the reading that all figures of a heading allow.
 
     Raises
@@ -109,7 +109,7 @@ def judge(name: str, facts: Facts, measured: Measured) -> Verdict:
     rates = _stated_rates(name, facts)
     allowed: list[float | None] = [*rates] or [None]
     readings = [
-        _Reading(wrapped, samples, rate)
+        _RowGuess(wrapped, samples, rate)
         for (wrapped, samples), rate in itertools.product(_layouts(measured), allowed)
     ]
     fit = [r for r in readings if _agrees(r, facts, measured)]
@@ -143,7 +143,7 @@ def judge(name: str, facts: Facts, measured: Measured) -> Verdict:
             )
     if chosen.wrapped:
         said += (f"one series of {chosen.samples} samples, {measured.width} on a line",)
-    return Verdict(rate, chosen.wrapped, said, notes)
+    return ReadingVerdict(rate, chosen.wrapped, said, notes)
 
 
 def _beside(facts: Facts, rate: float) -> tuple[str, ...]:
@@ -182,7 +182,7 @@ def refuse_beyond(name: str, rate_hz: float) -> None:
 
 
 def refuse_disagreement(
-    name: str, facts: Facts, measured: Measured, *, rate_hz: float, wrapped: bool
+    name: str, facts: Facts, measured: RowFigures, *, rate_hz: float, wrapped: bool
 ) -> None:
     """Refuse rows that are not as many as a heading states, once all have been counted.
 
@@ -192,7 +192,7 @@ def refuse_disagreement(
         Which names the figures; also where columns without names may be one series after all.
     """
     facts = facts.without_weak(*LENGTHS)
-    if not _agrees(_Reading(wrapped, measured.rows, rate_hz), facts, measured):
+    if not _agrees(_RowGuess(wrapped, measured.rows, rate_hz), facts, measured):
         raise _contradiction(name, facts, measured, [rate_hz])
     counted = [value for fact in facts.of("count") for value in fact.values]
     if measured.width > 1 and not measured.named and measured.series in counted:
@@ -204,7 +204,7 @@ def refuse_disagreement(
         )
 
 
-def _layouts(measured: Measured) -> list[tuple[bool, int]]:
+def _layouts(measured: RowFigures) -> list[tuple[bool, int]]:
     """Whether columns are one series, and how many samples there are then."""
     single = measured.width == 1
     layouts = [
@@ -262,7 +262,7 @@ def is_near(measured_hz: float, stated_hz: float) -> bool:
     return _near(measured_hz, stated_hz, NOMINAL_RATE_TOLERANCE)
 
 
-def _agrees(reading: _Reading, facts: Facts, measured: Measured) -> bool:
+def _agrees(reading: _RowGuess, facts: Facts, measured: RowFigures) -> bool:
     counts = all(_count_agrees(fact, reading, measured) for fact in facts.of("count"))
     if reading.rate_hz is None:
         return counts
@@ -272,7 +272,7 @@ def _agrees(reading: _Reading, facts: Facts, measured: Measured) -> bool:
     )
 
 
-def _count_agrees(fact: Fact, reading: _Reading, measured: Measured) -> bool:
+def _count_agrees(fact: Fact, reading: _RowGuess, measured: RowFigures) -> bool:
     allowed = {reading.samples, reading.samples + measured.missing}
     every = reading.samples * measured.width if not measured.tail else -1
     return any(
@@ -292,8 +292,8 @@ def _duration_agrees(fact: Fact, samples: int, rate_hz: float) -> bool:
 
 
 def _without_doubtful(
-    name: str, fit: list[_Reading], facts: Facts, measured: Measured
-) -> list[_Reading]:
+    name: str, fit: list[_RowGuess], facts: Facts, measured: RowFigures
+) -> list[_RowGuess]:
     """Keep the readings of one layout, for which there is evidence."""
     if len({r.wrapped for r in fit}) == 1:
         return fit
@@ -326,18 +326,18 @@ def _computed_rate(name: str, facts: Facts, count: int) -> tuple[float | None, t
     return None, ()
 
 
-def _as_given(name: str, facts: Facts, measured: Measured) -> Verdict:
+def _as_given(name: str, facts: Facts, measured: RowFigures) -> ReadingVerdict:
     """Let a given rate overrule the heading, with a note."""
     rate = measured.given_rate_hz
     assert rate is not None
     fit = [
         reading
         for wrapped, samples in _layouts(measured)
-        if _agrees(reading := _Reading(wrapped, samples, rate), facts, measured)
+        if _agrees(reading := _RowGuess(wrapped, samples, rate), facts, measured)
     ]
     if not fit:
         # Of a file that was cut or thinned, no figure fits; columns are what they seem.
-        fit = [_Reading(wrapped, samples, rate) for wrapped, samples in _layouts(measured)]
+        fit = [_RowGuess(wrapped, samples, rate) for wrapped, samples in _layouts(measured)]
     chosen = _without_doubtful(name, fit, facts, measured)[0]
     overruled = [
         f"{fact.text!r}" + (f" (line {fact.line})" if fact.line else "")
@@ -354,10 +354,10 @@ def _as_given(name: str, facts: Facts, measured: Measured) -> Verdict:
         if chosen.wrapped
         else ()
     )
-    return Verdict(rate, chosen.wrapped, said, notes)
+    return ReadingVerdict(rate, chosen.wrapped, said, notes)
 
 
-def _by_clock(name: str, facts: Facts, measured: Measured) -> Verdict:
+def _by_clock(name: str, facts: Facts, measured: RowFigures) -> ReadingVerdict:
     """Compare the clock with the heading."""
     rate = measured.clock_rate_hz
     assert rate is not None
@@ -387,7 +387,7 @@ def _by_clock(name: str, facts: Facts, measured: Measured) -> Verdict:
             f"The clock says {rate:.6g} Hz, the heading {agreeing[0].text!r}: the clock is "
             "used."
         )
-    reading = _Reading(False, measured.rows, rate)
+    reading = _RowGuess(False, measured.rows, rate)
     lasting = measured.rows + measured.missing
     for fact in facts.of("count"):
         if not _count_agrees(fact, reading, measured):
@@ -407,7 +407,7 @@ def _by_clock(name: str, facts: Facts, measured: Measured) -> Verdict:
                 f"The heading states {fact.text!r} (line {fact.line}), by its clock the file "
                 f"lasts {lasting / rate:.6g} s."
             )
-    return Verdict(rate, False, (), tuple(notes))
+    return ReadingVerdict(rate, False, (), tuple(notes))
 
 
 def _matches(rate: float, fact: Fact, factor: int, within: float) -> bool:
@@ -417,7 +417,7 @@ def _matches(rate: float, fact: Fact, factor: int, within: float) -> bool:
 
 
 def _contradiction(
-    name: str, facts: Facts, measured: Measured, rates: list[float]
+    name: str, facts: Facts, measured: RowFigures, rates: list[float]
 ) -> RecordError:
     rows, width = measured.rows, measured.width
     has = f"{rows} rows of {width} columns" if width > 1 else f"{rows + measured.tail} samples"

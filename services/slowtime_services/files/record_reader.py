@@ -152,12 +152,12 @@ def read_record(
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class _Rows:
+class _SampleRows:
     """Rows of a sheet that are samples, their clock, and what was said on the way."""
 
     sheet: Sheet
-    told: candidates.ClockReading
-    of_all_rows: candidates.ClockReading
+    told: candidates.ChosenClock
+    of_all_rows: candidates.ChosenClock
     kept: Sequence[int]
     why: dict[str, str]
     rows: np.ndarray[tuple[int], np.dtype[np.intp]]
@@ -223,7 +223,7 @@ def _record(
 
 def _rows_of_samples(
     file: str, sheet: Sheet, said: ReadingOptions, missing: MissingPolicy
-) -> _Rows:
+) -> _SampleRows:
     """Choose channels, and rows that have times and values and are no copies."""
     told = clock_of_sheet(sheet, said)
     timed = np.arange(len(sheet.columns[0].values))
@@ -244,11 +244,11 @@ def _rows_of_samples(
     if missing.skip and lost.any():
         sheet = only_rows(sheet, np.flatnonzero(~lost))
         told = clock_of_sheet(sheet, said)
-    return _Rows(sheet, told, of_all_rows, kept, why, rows, lost, tuple(notes))
+    return _SampleRows(sheet, told, of_all_rows, kept, why, rows, lost, tuple(notes))
 
 
 def _gaps(
-    found: _Rows, axis: TimeAxis | None, missing: MissingPolicy
+    found: _SampleRows, axis: TimeAxis | None, missing: MissingPolicy
 ) -> tuple[tuple[Gap, ...], tuple[str, ...]]:
     """Gaps by the clock, the rows that were left out, or a counter; and what to say of them."""
     if axis is not None:
@@ -259,7 +259,7 @@ def _gaps(
 
 
 def _start(
-    found: _Rows, axis: TimeAxis | None, missing: MissingPolicy, rate_hz: float
+    found: _SampleRows, axis: TimeAxis | None, missing: MissingPolicy, rate_hz: float
 ) -> tuple[int | None, tuple[str, ...]]:
     """Time of the first sample [ns], and what was assumed of it."""
     start_ns, said = start_of(found.sheet, axis, found.of_all_rows)
@@ -304,8 +304,8 @@ def _with_new_rows(
 
 
 def _rows_with_times(
-    sheet: Sheet, said: ReadingOptions, told: candidates.ClockReading
-) -> tuple[Sheet, np.ndarray[tuple[int], np.dtype[np.intp]], candidates.ClockReading]:
+    sheet: Sheet, said: ReadingOptions, told: candidates.ChosenClock
+) -> tuple[Sheet, np.ndarray[tuple[int], np.dtype[np.intp]], candidates.ChosenClock]:
     """Rows that have a time, and the clock of them, where it lacks some times.
 
     A row without a time cannot be placed: it is left out, which the clock shows as a gap.
@@ -360,7 +360,10 @@ def _rows_of(
 
 
 def _series(
-    sheet: Sheet, kept: Sequence[int], verdict: plausibility.Verdict, notes: tuple[str, ...]
+    sheet: Sheet,
+    kept: Sequence[int],
+    verdict: plausibility.ReadingVerdict,
+    notes: tuple[str, ...],
 ) -> Record:
     """Return all columns as one series."""
     table = np.column_stack([sheet.columns[i].values for i in kept]).astype(float)
@@ -383,14 +386,14 @@ def _measured(
     said: ReadingOptions,
     axis: TimeAxis | None,
     gaps: Sequence[Gap],
-    told: candidates.ClockReading,
-) -> plausibility.Measured:
+    told: candidates.ChosenClock,
+) -> plausibility.RowFigures:
     values = [sheet.columns[i].values for i in kept]
     alone = len(kept) == len(sheet.columns) and all(v.dtype.kind in "fiu" for v in values)
     layered = alone and len(kept) > 1 and axis is None and not sheet.format
     open_to_doubt = layered and not sheet.named and said.wrapped is None
     table = np.column_stack(values).astype(float) if open_to_doubt else None
-    return plausibility.Measured(
+    return plausibility.RowFigures(
         rows=len(values[0]),
         width=len(kept),
         tail=len(sheet.tail) if layered else 0,

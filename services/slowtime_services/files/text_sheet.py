@@ -23,9 +23,9 @@ from .delimited.dialect import (
     HEAD_LINES,
     LONGEST_FIELD,
     LONGEST_LINE,
+    ColumnLayout,
     Dialect,
     Kind,
-    Layout,
     find_layout,
     longest_rows,
     no_rows,
@@ -170,7 +170,7 @@ def _read_table(
     named = bool(names) and any(names)
     zone = stated_zone([*preamble, *footer])
     start = stated_start([*preamble, *footer], date_order, zone)
-    rows = _Rows(lines, layout, names or ("",) * len(units), units, date_order)
+    rows = _FileRows(lines, layout, names or ("",) * len(units), units, date_order)
     columns, tail, notes = rows.read()
     return Sheet(
         columns=columns,
@@ -191,7 +191,7 @@ def _read_table(
     )
 
 
-def _without_footer(lines: list[str], layout: Layout) -> tuple[list[str], list[str]]:
+def _without_footer(lines: list[str], layout: ColumnLayout) -> tuple[list[str], list[str]]:
     """Rows and the lines of words below them."""
     end = len(lines)
     while end > layout.first and not lines[end - 1].strip():
@@ -204,7 +204,7 @@ def _without_footer(lines: list[str], layout: Layout) -> tuple[list[str], list[s
     return lines[:top], lines[top:end]
 
 
-def _is_footer(line: str, layout: Layout) -> bool:
+def _is_footer(line: str, layout: ColumnLayout) -> bool:
     if not line.strip():
         return True
     fields = layout.dialect.split(line) if len(line) < 2000 else [line]
@@ -215,13 +215,15 @@ def _is_footer(line: str, layout: Layout) -> bool:
     return bool(re.search(r"[^\W\d_]{3}", line)) and alike * 2 < max(len(layout.kinds), 2)
 
 
-def _states_statistic(fields: Sequence[str], layout: Layout) -> bool:
+def _states_statistic(fields: Sequence[str], layout: ColumnLayout) -> bool:
     """Whether a line begins with a word such as ``Max`` where rows have a number or a stamp."""
     stated = layout.kinds[0] != "word" and layout.dialect.kind(fields[0]) == "word"
     return stated and _STATISTIC.fullmatch(fields[0].strip(" :#")) is not None
 
 
-def _describe_statistics(footer: Sequence[str], total: int, layout: Layout) -> tuple[str, ...]:
+def _describe_statistics(
+    footer: Sequence[str], total: int, layout: ColumnLayout
+) -> tuple[str, ...]:
     """Note that lines of statistics below the rows were left out."""
     found = [
         total - len(footer) + place + 1
@@ -233,13 +235,13 @@ def _describe_statistics(footer: Sequence[str], total: int, layout: Layout) -> t
     return (f"Statistics below the rows, from line {found[0]} on, were left out.",)
 
 
-class _Rows:
+class _FileRows:
     """Rows of one file: all by the quick reader, or one by one where it stumbles."""
 
     def __init__(
         self,
         lines: list[str],
-        layout: Layout,
+        layout: ColumnLayout,
         names: tuple[str, ...],
         units: tuple[str, ...],
         date_order: DateOrder | None,

@@ -12,7 +12,7 @@ from slowtime_services.files.binary.numpy_arrays import Arrays, refuse_above, un
 from slowtime_services.files.binary.reader_process import bound_resources, save_arrays
 from slowtime_services.files.record import RecordError
 
-from .measured import Channel, Curve
+from .measured import Channel, FrfCurve
 
 _FREQUENCY = re.compile(
     r"(?:freq(?:uency|uencies|s)?|f|hz|f_?hz|freq_?hz|frequency_?hz|lines_?hz)"
@@ -31,7 +31,7 @@ def holds_complex(arrays: Arrays) -> bool:
     return hz is not None and bool(_complex(arrays, len(hz)))
 
 
-def curves_of_arrays(file: str, arrays: Arrays) -> list[Curve]:
+def curves_of_arrays(file: str, arrays: Arrays) -> list[FrfCurve]:
     """Take a curve from each pair of output and input of every complex array.
 
     Parameters
@@ -74,7 +74,7 @@ def curves_of_arrays(file: str, arrays: Arrays) -> list[Curve]:
         for o in range(rows):
             for i in range(columns):
                 curves.append(
-                    Curve(
+                    FrfCurve(
                         output=_channel(outputs[o] if named else _numbered(name, o, rows)),
                         input=_channel(inputs[i] if len(inputs) == columns else f"input_{i}"),
                         frequency_hz=hz,

@@ -21,7 +21,7 @@ Channel = tuple[str, str]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Curve:
+class FrfCurve:
     """A frequency response of one output to one input.
 
     Parameters
@@ -76,7 +76,7 @@ class MeasuredResponses:
 
 
 def joined(
-    file: str, curves: Sequence[Curve], kind: Kind | None, notes: Sequence[str] = ()
+    file: str, curves: Sequence[FrfCurve], kind: Kind | None, notes: Sequence[str] = ()
 ) -> MeasuredResponses:
     """Join curves to a matrix.
 
@@ -155,7 +155,7 @@ def _whole_matrix(
     return best
 
 
-def _lines(file: str, curves: Sequence[Curve]) -> np.ndarray:
+def _lines(file: str, curves: Sequence[FrfCurve]) -> np.ndarray:
     """Tell which lines are kept: all but 0, which is none of a motion."""
     hz = curves[0].frequency_hz
     for curve in curves:
@@ -178,7 +178,7 @@ def _lines(file: str, curves: Sequence[Curve]) -> np.ndarray:
     return kept
 
 
-def _kind(matrix: Sequence[Sequence[Curve]], given: Kind | None, said: list[str]) -> Kind:
+def _kind(matrix: Sequence[Sequence[FrfCurve]], given: Kind | None, said: list[str]) -> Kind:
     stated: set[Kind] = {c.kind for row in matrix for c in row if c.kind is not None}
     by_unit: set[Kind] = {
         unit.quantity
@@ -204,7 +204,7 @@ def _kind(matrix: Sequence[Sequence[Curve]], given: Kind | None, said: list[str]
 
 
 def _errors(
-    matrix: Sequence[Sequence[Curve]], kept: np.ndarray, values: np.ndarray
+    matrix: Sequence[Sequence[FrfCurve]], kept: np.ndarray, values: np.ndarray
 ) -> Float[np.ndarray, "line output input"]:
     r"""Return standard deviations as stated, else by coherence and averages of one input.
 
@@ -223,7 +223,7 @@ def _errors(
 
 
 def _coherence(
-    matrix: Sequence[Sequence[Curve]], kept: np.ndarray
+    matrix: Sequence[Sequence[FrfCurve]], kept: np.ndarray
 ) -> Float[np.ndarray, "line output"]:
     """Coherence of each output; the least of its inputs, where each has its own."""
     missing = np.full(len(kept), np.nan)

@@ -17,7 +17,7 @@ from slowtime_services.files.record import RecordError
 
 from . import universal
 from .arrays import curves_of_arrays, holds_complex
-from .measured import Curve, MeasuredResponses, joined
+from .measured import FrfCurve, MeasuredResponses, joined
 from .tables import curves_of_table, looks_like_responses, read_table
 
 MOST_BYTES = 256 << 20
@@ -82,7 +82,7 @@ def read_responses(path: Path, kind: Kind | None = None) -> MeasuredResponses | 
     )
 
 
-def _of_arrays(path: Path, kind: Kind | None) -> list[Curve]:
+def _of_arrays(path: Path, kind: Kind | None) -> list[FrfCurve]:
     ending = path.suffix.lower()
     arrays: Arrays
     if ending == ".npz":
@@ -97,7 +97,7 @@ def _of_arrays(path: Path, kind: Kind | None) -> list[Curve]:
     return curves_of_arrays(path.name, arrays)
 
 
-def _of_text(path: Path, kind: Kind | None) -> tuple[list[Curve], tuple[str, ...]]:
+def _of_text(path: Path, kind: Kind | None) -> tuple[list[FrfCurve], tuple[str, ...]]:
     if path.suffix.lower() in workbook.SUFFIXES:
         lines, _ = workbook.lines_of(path, MOST_BYTES)
     else:
@@ -117,7 +117,7 @@ def _of_text(path: Path, kind: Kind | None) -> tuple[list[Curve], tuple[str, ...
     return curves_of_table(path.name, table)
 
 
-def _of_json(path: Path, kind: Kind | None) -> tuple[list[Curve], Kind | None]:
+def _of_json(path: Path, kind: Kind | None) -> tuple[list[FrfCurve], Kind | None]:
     try:
         body = read_json(path.read_bytes(), DATA)
     except ValueError:
@@ -133,7 +133,7 @@ def _of_json(path: Path, kind: Kind | None) -> tuple[list[Curve], Kind | None]:
         ) from error
 
 
-def _curves_of_body(body: Mapping[str, Any]) -> list[Curve]:
+def _curves_of_body(body: Mapping[str, Any]) -> list[FrfCurve]:
     hz = np.array(body["frequency_hz"], dtype=float)
     values = np.array(body["response"]["re"]) + 1j * np.array(body["response"]["im"])
     sd = np.array(body["sd"], dtype=float)
@@ -142,7 +142,7 @@ def _curves_of_body(body: Mapping[str, Any]) -> list[Curve]:
     if values.shape != shape or sd.shape != shape or coherence.shape != shape[:2]:
         raise ValueError(f"shape {values.shape}, expected {shape}")
     return [
-        Curve(
+        FrfCurve(
             output=(out["channel"], out["unit"]),
             input=(driven["channel"], driven["unit"]),
             frequency_hz=hz,

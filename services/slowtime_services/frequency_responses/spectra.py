@@ -14,7 +14,7 @@ from jaxtyping import Complex, Float
 
 from slowtime_services.files.record import RecordError
 
-from .measured import Curve
+from .measured import FrfCurve
 
 FORCE_UNITS = ("n", "lbf", "kn", "kgf")
 """Units of forces, as programs write them."""
@@ -25,7 +25,7 @@ which its direction is told. Source: of noise, halves of a thousand lines differ
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Spectrum:
+class PowerSpectrum:
     """An auto- or cross-spectrum.
 
     Parameters
@@ -36,13 +36,13 @@ class Spectrum:
         Whether the axis tells a force, of a cross-spectrum at the output.
     """
 
-    curve: Curve
+    curve: FrfCurve
     is_force: bool
 
 
 def curves_of_spectra(
-    file: str, autos: Sequence[Spectrum], crosses: Sequence[Spectrum]
-) -> tuple[list[Curve], tuple[str, ...]]:
+    file: str, autos: Sequence[PowerSpectrum], crosses: Sequence[PowerSpectrum]
+) -> tuple[list[FrfCurve], tuple[str, ...]]:
     """Make frequency responses of cross-spectra with a force and its auto-spectrum.
 
     Parameters
@@ -105,14 +105,14 @@ def curves_of_spectra(
     return curves, (note,)
 
 
-def _has_force(one: Spectrum) -> bool:
+def _has_force(one: PowerSpectrum) -> bool:
     unit = one.curve.output[1].lower().replace(" ", "")
     for power in ("^2", "**2", "²", "2/hz", "/hz"):
         unit = unit.replace(power, "")
     return one.is_force or unit in FORCE_UNITS
 
 
-def _response(cross: Curve, force: Curve, of_motion: Mapping[str, Curve]) -> Curve:
+def _response(cross: FrfCurve, force: FrfCurve, of_motion: Mapping[str, FrfCurve]) -> FrfCurve:
     power = _of(force, cross)
     values = np.divide(cross.values, power, out=np.zeros_like(cross.values), where=power > 0)
     output = of_motion.get(cross.output[0])
@@ -126,7 +126,7 @@ def _response(cross: Curve, force: Curve, of_motion: Mapping[str, Curve]) -> Cur
     return dataclasses.replace(cross, values=values, coherence=coherence)
 
 
-def _of(auto: Curve, cross: Curve) -> Float[np.ndarray, " line"]:
+def _of(auto: FrfCurve, cross: FrfCurve) -> Float[np.ndarray, " line"]:
     """Auto-spectrum at the lines of a cross-spectrum."""
     if len(auto.values) != len(cross.values):
         raise RecordError(
@@ -136,7 +136,7 @@ def _of(auto: Curve, cross: Curve) -> Float[np.ndarray, " line"]:
     return np.asarray(auto.values.real)
 
 
-def _lead(curve: Curve) -> bool:
+def _lead(curve: FrfCurve) -> bool:
     """Whether the impulse response lies before the force."""
     values: Complex[np.ndarray, " line"] = curve.values - curve.values.mean()
     energy = np.abs(fft.ifft(values * np.hanning(len(values)))) ** 2

@@ -8,7 +8,7 @@ import numpy as np
 
 from slowtime_services.files.record import RecordError
 
-from .measured import Channel, Curve
+from .measured import Channel, FrfCurve
 
 DELIMITERS = (";", "\t", ",", None)
 """Tried in turn; None for blanks."""
@@ -38,7 +38,7 @@ _UNIT = re.compile(r"[\[(]([^\])]*)[\])]")
 _PAIR = re.compile(r"\s*(.+?)\s*(?:/| over | per )\s*(.+?)\s*$")
 
 
-class Table(NamedTuple):
+class NumberTable(NamedTuple):
     """Rows of complex numbers, the words above them, and whether any cell was complex."""
 
     rows: np.ndarray
@@ -46,7 +46,7 @@ class Table(NamedTuple):
     complex_cells: bool
 
 
-def read_table(lines: Sequence[str]) -> Table | None:
+def read_table(lines: Sequence[str]) -> NumberTable | None:
     """Read the longest table of numbers; None where there is none.
 
     Parameters
@@ -69,7 +69,7 @@ def read_table(lines: Sequence[str]) -> Table | None:
         if len(rows) >= LEAST_ROWS:
             names = _names(text[:first], width, delimiter)
             found = np.array([[value for value, _ in row] for row in rows])
-            return Table(found, names, any(whole for row in rows for _, whole in row))
+            return NumberTable(found, names, any(whole for row in rows for _, whole in row))
     return None
 
 
@@ -117,7 +117,7 @@ def _names(head: Sequence[str], width: int, delimiter: str | None) -> list[str]:
     return [""] * width
 
 
-def looks_like_responses(table: Table) -> bool:
+def looks_like_responses(table: NumberTable) -> bool:
     """Whether a table holds frequency responses: complex cells, or columns that say so."""
     roles = [_role(name) for name in table.names]
     if table.complex_cells:
@@ -138,7 +138,7 @@ def _is_frequency(name: str) -> bool:
     return bool(_FREQUENCY.search(name))
 
 
-def curves_of_table(file: str, table: Table) -> tuple[list[Curve], tuple[str, ...]]:
+def curves_of_table(file: str, table: NumberTable) -> tuple[list[FrfCurve], tuple[str, ...]]:
     """Take a curve from each complex column, and from each two columns of parts.
 
     Parameters
@@ -181,12 +181,12 @@ def _curve(
     number: int,
     errors: dict[str, np.ndarray],
     coherence: dict[str, np.ndarray],
-) -> Curve:
+) -> FrfCurve:
     bare = _bare(name, "")
     pair = _PAIR.fullmatch(bare)
     output, driven = (pair[1], pair[2]) if pair else (bare or f"response_{number}", "input")
     only = next(iter(coherence.values())) if len(coherence) == 1 else None
-    return Curve(
+    return FrfCurve(
         output=_channel(output),
         input=_channel(driven),
         frequency_hz=hz,
@@ -215,7 +215,7 @@ def _bare(name: str, role: str) -> str:
 
 
 def _pairs(
-    file: str, table: Table, columns: Sequence[tuple[int, str]]
+    file: str, table: NumberTable, columns: Sequence[tuple[int, str]]
 ) -> tuple[list[tuple[str, np.ndarray]], tuple[str, ...]]:
     """Join columns of real numbers by two: parts, or magnitude and phase."""
     if len(columns) % 2:

@@ -17,8 +17,8 @@ from slowtime.identification.frequency_response.response import Kind
 from slowtime_services.files.formats.universal import MARK
 from slowtime_services.files.record import RecordError
 
-from .measured import Curve
-from .spectra import Spectrum, curves_of_spectra
+from .measured import FrfCurve
+from .spectra import PowerSpectrum, curves_of_spectra
 
 GENERAL, TIME, RESPONSE, TRANSMISSIBILITY, COHERENCE = 0, 1, 4, 5, 6
 """Codes of functions [1]_."""
@@ -55,7 +55,7 @@ class _Function:
         return int(self.head[5][:5])
 
 
-def curves_of(path: Path, content: bytes) -> tuple[list[Curve], tuple[str, ...]]:
+def curves_of(path: Path, content: bytes) -> tuple[list[FrfCurve], tuple[str, ...]]:
     """Read the frequency responses of a universal file, and notes on the rest.
 
     Parameters
@@ -74,10 +74,10 @@ def curves_of(path: Path, content: bytes) -> tuple[list[Curve], tuple[str, ...]]
     RecordError
         Where a dataset is damaged.
     """
-    curves: list[Curve] = []
+    curves: list[FrfCurve] = []
     coherence: dict[tuple[str, str], np.ndarray] = {}
-    autos: list[Spectrum] = []
-    crosses: list[Spectrum] = []
+    autos: list[PowerSpectrum] = []
+    crosses: list[PowerSpectrum] = []
     others, timed = 0, False
     for function in _functions(path, content):
         code, form = function.code, int(function.head[6].split()[0])
@@ -202,7 +202,7 @@ def _torn(path: Path, at: int, stated: int, found: int) -> RecordError:
     )
 
 
-def _curve(path: Path, function: _Function) -> Curve:
+def _curve(path: Path, function: _Function) -> FrfCurve:
     head, numbers = function.head, function.numbers
     form, count, even = _form(path, head, function.at)
     details = DETAILS.search(f"{head[3]} {head[4]}") if head[1].strip() == MARK else None
@@ -220,7 +220,7 @@ def _curve(path: Path, function: _Function) -> Curve:
     kind = MOTIONS.get(up[0])
     if function.code == TRANSMISSIBILITY or (up[0] in MOTIONS and down[0] in MOTIONS):
         kind = "transmissibility"
-    return Curve(
+    return FrfCurve(
         output=(output, up[1]),
         input=(driven, down[1]),
         frequency_hz=hz,
@@ -231,12 +231,12 @@ def _curve(path: Path, function: _Function) -> Curve:
     )
 
 
-def _spectrum(path: Path, function: _Function, is_cross: bool) -> Spectrum:
+def _spectrum(path: Path, function: _Function, is_cross: bool) -> PowerSpectrum:
     """Return an auto-spectrum, whose reference may not be stated, or a cross-spectrum."""
     curve = _curve(path, function)
     if not is_cross:
         curve = dataclasses.replace(curve, input=curve.output)
-    return Spectrum(curve=curve, is_force=_axis(function.head[8])[0] in FORCES)
+    return PowerSpectrum(curve=curve, is_force=_axis(function.head[8])[0] in FORCES)
 
 
 def _places(head: list[str], code: int) -> tuple[str, str]:

@@ -21,7 +21,7 @@ from slowtime_services.models.simulation import state_of
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Variable:
+class UnitVariable:
     """A variable of a functional mock-up unit.
 
     Parameters
@@ -63,14 +63,14 @@ class CoSimulatedModel:
         self._plant = Plant.of(description, kinds=kinds, hold="zero")
         check_co_simulation(self._plant)
         self.inputs = tuple(
-            Variable(
+            UnitVariable(
                 _structured(one.channel), one.unit, f"{one.kind.replace('_', ' ')} {place}"
             )
             for one in description.inputs
             for place in (f"at {one.node}" if one.node else "",)
         )
         self.outputs = tuple(
-            Variable(_structured(one.channel), one.unit, f"{one.quantity} of {one.node}")
+            UnitVariable(_structured(one.channel), one.unit, f"{one.quantity} of {one.node}")
             for one in description.sensors
         )
         self._nominal = self._plant.values
@@ -162,17 +162,17 @@ class CoSimulatedModel:
         self._read = None
 
 
-def _parameter_columns(plant: Plant) -> dict[Variable, tuple[int, ...]]:
+def _parameter_columns(plant: Plant) -> dict[UnitVariable, tuple[int, ...]]:
     """Variable of each parameter → its rows in the values of the plant."""
     groups = {one.id for one in plant.description.elements if isinstance(one, Matrix)}
     row_of = {name: k for k, name in enumerate(plant.parameters)}
-    found: dict[Variable, tuple[int, ...]] = {}
+    found: dict[UnitVariable, tuple[int, ...]] = {}
     changed: dict[str, list[int]] = {}
     for name in adjustable(plant):
         place, unit = str(name[1]), plant.entries[name].unit
         if len(name) == 3:
             effect = plant.effects[int(name[1])]
-            variable = Variable(
+            variable = UnitVariable(
                 f"effect{name[1]}.{_structured(str(name[-1]))}",
                 unit,
                 f"{effect.kind} at {effect.place}",
@@ -180,11 +180,11 @@ def _parameter_columns(plant: Plant) -> dict[Variable, tuple[int, ...]]:
             found[variable] = (row_of[name],)
         elif place not in groups:
             named = f"{name[0]}.{_structured(place)}"
-            found[Variable(named, unit, f"{name[0]} of {place}")] = (row_of[name],)
+            found[UnitVariable(named, unit, f"{name[0]} of {place}")] = (row_of[name],)
         elif place != REST:
             changed.setdefault(place, []).append(row_of[name])
     groups_first = {
-        Variable(f"change.{_structured(place)}", "1", f"relative change of {place}"): tuple(
+        UnitVariable(f"change.{_structured(place)}", "1", f"relative change of {place}"): tuple(
             rows
         )
         for place, rows in changed.items()

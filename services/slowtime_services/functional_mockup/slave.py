@@ -10,7 +10,7 @@ from pythonfmu import DefaultExperiment, Fmi2Causality, Fmi2Slave, Fmi2Variabili
 
 from slowtime_services.models import read_description
 
-from .co_simulated_model import CoSimulatedModel, Variable
+from .co_simulated_model import CoSimulatedModel, UnitVariable
 
 MODEL, STEP = "model.json", "step_s.txt"
 """Files among the resources of a unit: the model, and the proposed step [s]."""
@@ -43,7 +43,7 @@ class ModelSlave(Fmi2Slave):  # type: ignore[misc]  # PythonFMU has no types
         for k, one in enumerate(self._model.outputs):
             self._register(one, Fmi2Causality.output, *_output_access(self._model, k))
 
-    def _register(self, one: Variable, causality: Any, getter: Any, setter: Any) -> None:
+    def _register(self, one: UnitVariable, causality: Any, getter: Any, setter: Any) -> None:
         tunable = causality == Fmi2Causality.parameter
         self.register_variable(
             Real(

@@ -26,9 +26,9 @@ from .consistency import (
     root_of_inclusion,
     roots_over,
 )
-from .heads import Head, Leaf, follows, headed, last_head
+from .heads import Head, MerkleLeaf, follows, headed, last_head
 from .merkle_tree import MerkleTree
-from .proofs import Verified, kept_of, verify
+from .proofs import VerifiedProof, kept_of, verify
 from .tree import proven, root
 from .tree_heads import TreeHead, tree_head
 
@@ -36,11 +36,11 @@ __all__ = [
     "CompactRange",
     "Entry",
     "Head",
-    "Leaf",
     "Link",
+    "MerkleLeaf",
     "MerkleTree",
     "TreeHead",
-    "Verified",
+    "VerifiedProof",
     "beginning",
     "consistency_proof",
     "features_digest",

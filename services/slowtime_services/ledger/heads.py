@@ -21,7 +21,7 @@ LONGEST_LINE = 4_096
 """End of a file of heads that is searched for the last one [bytes]; a head has some 500."""
 
 
-class Leaf(NamedTuple):
+class MerkleLeaf(NamedTuple):
     """Leaf of the Merkle tree: the state of one asset's chain and history."""
 
     asset: str

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from typing import Literal
 
 from . import tree
-from .heads import Leaf
+from .heads import MerkleLeaf
 
 Side = Literal["left", "right"]
 
@@ -14,7 +14,7 @@ class MerkleTree:
 
     Examples
     --------
-    >>> leaves = [Leaf(name, 1, "00" * 32, 0, "00" * 32) for name in ("a", "b", "c")]
+    >>> leaves = [MerkleLeaf(name, 1, "00" * 32, 0, "00" * 32) for name in ("a", "b", "c")]
     >>> merkle = MerkleTree()
     >>> merkle.take(leaves)
     >>> merkle.root == tree.root([leaf.written for leaf in leaves]).hex()
@@ -28,11 +28,11 @@ class MerkleTree:
     """
 
     def __init__(self) -> None:
-        self.leaves: dict[str, Leaf] = {}
+        self.leaves: dict[str, MerkleLeaf] = {}
         self._rows: list[list[bytes]] = []
         self._place: dict[str, int] = {}
 
-    def take(self, changed: Iterable[Leaf]) -> None:
+    def take(self, changed: Iterable[MerkleLeaf]) -> None:
         """Replace the leaves of the same assets, or insert new ones."""
         changed = list(changed)
         if all(leaf.asset in self._place for leaf in changed):
@@ -64,7 +64,7 @@ class MerkleTree:
             place //= 2
         return found
 
-    def _replace(self, place: int, leaf: Leaf) -> None:
+    def _replace(self, place: int, leaf: MerkleLeaf) -> None:
         self._rows[0][place] = tree.leaf_hash(leaf.written)
         for below, row in zip(self._rows, self._rows[1:], strict=False):
             place //= 2

@@ -33,7 +33,7 @@ class ProvenReading(NamedTuple):
     message: bytes
 
 
-class Verified(NamedTuple):
+class VerifiedProof(NamedTuple):
     """What a proof has shown.
 
     Parameters
@@ -62,7 +62,7 @@ def kept_of(told: Mapping[str, Any]) -> Head | TreeHead:
 
 def verify(
     told: Mapping[str, Any], kept: Head | TreeHead, public: str | None = None
-) -> Verified:
+) -> VerifiedProof:
     """Verify a proof against a head that was kept elsewhere.
 
     Parameters
@@ -79,7 +79,7 @@ def verify(
     """
     try:
         if isinstance(kept, Head):
-            return Verified(kept, _verify_heads(told["heads"], kept, public))
+            return VerifiedProof(kept, _verify_heads(told["heads"], kept, public))
         return _verify_tree(told, kept, public)
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(
@@ -105,7 +105,7 @@ def _verify_heads(told: Sequence[Mapping[str, Any]], kept: Head, public: str | N
     return last
 
 
-def _verify_tree(told: Mapping[str, Any], kept: TreeHead, public: str | None) -> Verified:
+def _verify_tree(told: Mapping[str, Any], kept: TreeHead, public: str | None) -> VerifiedProof:
     head = TreeHead.of(told["head"])
     for one in (kept, head):
         _check_signature(one, public or kept.public)
@@ -119,7 +119,7 @@ def _verify_tree(told: Mapping[str, Any], kept: TreeHead, public: str | None) ->
             f"{kept.size:,} that the kept head covers"
         )
     inclusion = told.get("inclusion")
-    return Verified(kept, head, _reading(inclusion, head) if inclusion else None)
+    return VerifiedProof(kept, head, _reading(inclusion, head) if inclusion else None)
 
 
 def _reading(told: Mapping[str, Any], head: TreeHead) -> ProvenReading:

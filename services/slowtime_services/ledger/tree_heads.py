@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Self
 
 from slowtime_services.credentials import Signer, is_signed
 
-from .heads import Leaf, read_fields
+from .heads import MerkleLeaf, read_fields
 
 
 class TreeHead(NamedTuple):
@@ -53,7 +53,7 @@ class TreeHead(NamedTuple):
         return cls(**read_fields("tree head", cls.__annotations__, told))
 
 
-def tree_head(leaf: Leaf, t_ns: int, signer: Signer) -> TreeHead:
+def tree_head(leaf: MerkleLeaf, t_ns: int, signer: Signer) -> TreeHead:
     """Sign the end of a chain that a head of the server vouches for.
 
     Parameters

@@ -1,6 +1,6 @@
 """Modes and geometry in files of other programs: universal files (55, 15, 2411, 82), CSV."""
 
-from .geometry import UNIVERSAL, Geometry, Place, name_of, places_of, read_geometry
+from .geometry import UNIVERSAL, Geometry, NodeAxis, name_of, places_of, read_geometry
 from .modes_reader import ReadMode, ReadModes, read_modes
 from .modes_writer import write_modes
 from .selection_file import ENDING, SelectionFileError, read_selection, selection_text
@@ -10,7 +10,7 @@ __all__ = [
     "ENDING",
     "UNIVERSAL",
     "Geometry",
-    "Place",
+    "NodeAxis",
     "ReadMode",
     "ReadModes",
     "SelectionFileError",

@@ -24,7 +24,7 @@ MOST_CHANNELS = 20_000
 NEEDED = ("channel", "x", "y", "z")
 
 
-class Place(NamedTuple):
+class NodeAxis(NamedTuple):
     """A node and a direction: 1, 2, 3 along x, y, z, negative against them."""
 
     node: int
@@ -47,21 +47,23 @@ class Geometry:
 
     nodes: Mapping[int, tuple[float, float, float]] = dataclasses.field(default_factory=dict)
     lines: tuple[tuple[int, ...], ...] = ()
-    places: Mapping[str, Place] = dataclasses.field(default_factory=dict)
+    places: Mapping[str, NodeAxis] = dataclasses.field(default_factory=dict)
 
 
-def name_of(place: Place) -> str:
+def name_of(place: NodeAxis) -> str:
     """Name a channel by its place, as readers of universal files do.
 
     Examples
     --------
-    >>> name_of(Place(7, -3))
+    >>> name_of(NodeAxis(7, -3))
     'node 7 -Z'
     """
     return f"node {place.node} {_NAMES[place.axis]}"
 
 
-def places_of(channels: Sequence[str], geometry: Geometry | None = None) -> tuple[Place, ...]:
+def places_of(
+    channels: Sequence[str], geometry: Geometry | None = None
+) -> tuple[NodeAxis, ...]:
     """Assign a node and a direction to each channel.
 
     They are those of the geometry; else those of the name, as in ``node 7 +Z``; else channels
@@ -74,8 +76,8 @@ def places_of(channels: Sequence[str], geometry: Geometry | None = None) -> tupl
 
     Examples
     --------
-    >>> places_of(("a_x", "a_y", "roof"))
-    (Place(node=1, axis=1), Place(node=1, axis=2), Place(node=2, axis=1))
+    >>> [(one.node, one.axis) for one in places_of(("a_x", "a_y", "roof"))]
+    [(1, 1), (1, 2), (2, 1)]
     """
     found = [_NODE.fullmatch(name) for name in channels]
     if geometry is not None and geometry.places:
@@ -87,7 +89,7 @@ def places_of(channels: Sequence[str], geometry: Geometry | None = None) -> tupl
             )
         places = [geometry.places[name] for name in channels]
     elif all(found):
-        places = [Place(int(match[1]), AXES[match[2]]) for match in found if match]
+        places = [NodeAxis(int(match[1]), AXES[match[2]]) for match in found if match]
     else:
         places = _by_stem(channels)
     twice = {place for place in places if places.count(place) > 1}
@@ -100,7 +102,7 @@ def places_of(channels: Sequence[str], geometry: Geometry | None = None) -> tupl
     return tuple(places)
 
 
-def _by_stem(channels: Sequence[str]) -> list[Place]:
+def _by_stem(channels: Sequence[str]) -> list[NodeAxis]:
     nodes: dict[str, int] = {}
     places = []
     for name in channels:
@@ -108,7 +110,7 @@ def _by_stem(channels: Sequence[str]) -> list[Place]:
         stem = match["stem"] if match else name
         sign = -1 if match and match["sign"] == "-" else 1
         axis = "xyz".index(match["axis"].lower()) + 1 if match else 1
-        places.append(Place(nodes.setdefault(stem, len(nodes) + 1), sign * axis))
+        places.append(NodeAxis(nodes.setdefault(stem, len(nodes) + 1), sign * axis))
     return places
 
 
@@ -192,7 +194,7 @@ def _of_table(path: Path) -> Geometry:
         )
     nodes: dict[int, tuple[float, float, float]] = {}
     labels: dict[tuple[float, float, float], int] = {}
-    places: dict[str, Place] = {}
+    places: dict[str, NodeAxis] = {}
     for number, row in enumerate(rows, start=2):
         known = {(key or "").strip().casefold(): (value or "") for key, value in row.items()
                  if isinstance(value, str)}  # fmt: skip
@@ -209,7 +211,7 @@ def _of_table(path: Path) -> Geometry:
                 f"columns {', '.join(NEEDED)}, and direction (+X, -X, +Y ...) and node where "
                 "they are known."
             ) from None
-        nodes[label], places[channel] = point, Place(label, axis)
+        nodes[label], places[channel] = point, NodeAxis(label, axis)
         labels.setdefault(point, label)
     if not places:
         raise RecordError(f"{path.name} has no rows. Give one for each channel.")

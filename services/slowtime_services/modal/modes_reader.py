@@ -18,7 +18,7 @@ from jaxtyping import Complex
 from slowtime_services.files import RecordError
 
 from .datasets import Dataset, datasets_of, integers, numbers
-from .geometry import AXES, Geometry, Place, geometry_of, name_of
+from .geometry import AXES, Geometry, NodeAxis, geometry_of, name_of
 
 NORMAL_MODE, COMPLEX_FIRST, COMPLEX_SECOND = 2, 3, 7
 """Analysis types of modes [1]_."""
@@ -50,10 +50,10 @@ class ReadMode:
 
     frequency_hz: float
     damping_ratio: float
-    shape: Mapping[Place, complex]
+    shape: Mapping[NodeAxis, complex]
     frequency_sd: float = math.nan
     damping_sd: float = math.nan
-    names: Mapping[str, Place] = dataclasses.field(default_factory=dict)
+    names: Mapping[str, NodeAxis] = dataclasses.field(default_factory=dict)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -74,7 +74,7 @@ class ReadModes:
             for row, mode in enumerate(self.modes):
                 if place in mode.shape:
                     shapes[row, column] = mode.shape[place]
-                elif (other := Place(place.node, -place.axis)) in mode.shape:
+                elif (other := NodeAxis(place.node, -place.axis)) in mode.shape:
                     shapes[row, column] = -mode.shape[other]
                 else:
                     return None
@@ -113,7 +113,7 @@ def _mode(dataset: Dataset) -> ReadMode | None:
     first = at + -(-real // _A_LINE)
     said = dict(_SAID.findall(dataset.lines[1])) if "slowtime" in dataset.lines[1] else {}
     names = {
-        name: Place(int(node), AXES[axis])
+        name: NodeAxis(int(node), AXES[axis])
         for line in dataset.lines[2:_ID_LINES]
         for name, node, axis in _NAMED.findall(line)
         if said
@@ -141,13 +141,13 @@ def _pole(dataset: Dataset, analysis: int, at: int, real: int) -> tuple[float, f
     return frequency, damping
 
 
-def _shape(dataset: Dataset, first: int, kind: int, per_node: int) -> dict[Place, complex]:
+def _shape(dataset: Dataset, first: int, kind: int, per_node: int) -> dict[NodeAxis, complex]:
     count = per_node * (2 if kind == COMPLEX else 1)
     rows = -(-count // _A_LINE)
     body = dataset.lines[first:]
     if len(body) % (1 + rows):
         raise _contradicts(dataset, f"{len(body)} lines of nodes, {1 + rows} for each")
-    shape: dict[Place, complex] = {}
+    shape: dict[NodeAxis, complex] = {}
     for at in range(first, len(dataset.lines), 1 + rows):
         node = integers(dataset, at, [10])[0]
         values: list[float] = []
@@ -158,13 +158,13 @@ def _shape(dataset: Dataset, first: int, kind: int, per_node: int) -> dict[Place
             complex(re_, im) for re_, im in zip(values[::2], values[1::2], strict=True)
         ]  # fmt: skip
         for axis, value in enumerate(pairs[:TRANSLATIONS], start=1):
-            shape[Place(node, axis)] = complex(value)
+            shape[NodeAxis(node, axis)] = complex(value)
     return shape
 
 
-def _place_of(name: str) -> Place | None:
+def _place_of(name: str) -> NodeAxis | None:
     match = re.fullmatch(r"node (\d{1,9}) ([+-][XYZ])", name)
-    return Place(int(match[1]), AXES[match[2]]) if match else None
+    return NodeAxis(int(match[1]), AXES[match[2]]) if match else None
 
 
 def _number(text: str | None) -> float:

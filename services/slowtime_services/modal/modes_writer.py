@@ -18,7 +18,7 @@ from slowtime_schemas.files.modes import FoundMode, ModesFile
 from slowtime_services.files import RecordError
 from slowtime_services.files.units import Motion, unit_of
 
-from .geometry import Geometry, Place, name_of, places_of
+from .geometry import Geometry, NodeAxis, name_of, places_of
 
 SPECIFIC: dict[Motion, int] = {"displacement": 8, "velocity": 11, "acceleration": 12}
 """Codes of what a value is [1]_; 0 is unknown."""
@@ -87,7 +87,7 @@ def _lines(geometry: Geometry) -> Iterator[str]:
 
 
 def _mode(
-    number: int, mode: FoundMode, found: ModesFile, places: Sequence[Place], unit: str
+    number: int, mode: FoundMode, found: ModesFile, places: Sequence[NodeAxis], unit: str
 ) -> Iterator[str]:
     omega = 2 * math.pi * mode.frequency_hz.value
     zeta = mode.damping_ratio.value
@@ -118,7 +118,7 @@ def _row(*values: int) -> str:
 
 
 def _identification(
-    number: int, mode: FoundMode, found: ModesFile, places: Sequence[Place]
+    number: int, mode: FoundMode, found: ModesFile, places: Sequence[NodeAxis]
 ) -> list[str]:
     names = [
         f"{name}={name_of(place).removeprefix('node ').replace(' ', '')}"

@@ -87,9 +87,11 @@ class _Https(urllib.request.HTTPSHandler):
         return self.do_open(made, req)
 
 
-class _NoRedirects(urllib.request.HTTPRedirectHandler):
+class NoRedirects(urllib.request.HTTPRedirectHandler):
+    """Follows nothing: a token is for the server that was named, not for one it points to."""
+
     def redirect_request(self, *_given: Any) -> None:
-        return None
+        """Follow nothing."""
 
 
 def fetch(url: str, timeout_s: float, most_bytes: int) -> bytes:
@@ -109,7 +111,7 @@ def fetch(url: str, timeout_s: float, most_bytes: int) -> bytes:
     OSError
         Where there is no answer, or another one than 200.
     """
-    opener = urllib.request.build_opener(_Https, _NoRedirects)
+    opener = urllib.request.build_opener(_Https, NoRedirects)
     with opener.open(url, timeout=timeout_s) as answer:
         body: bytes = answer.read(most_bytes)
     return body

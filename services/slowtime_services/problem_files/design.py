@@ -123,10 +123,10 @@ def read_design(path: str | pathlib.Path, read_samples: ReadSamples) -> DesignTa
     path = pathlib.Path(path)
     text = read_text(path, DesignFileError)
     file, lines = parse_checked(text, path.name, DesignFile, "design", DesignFileError)
-    return _Reading(file, lines, path, read_samples).task()
+    return _DesignFile(file, lines, path, read_samples).task()
 
 
-class _Reading:
+class _DesignFile:
     """One design file, and the line of each key."""
 
     def __init__(

@@ -10,7 +10,7 @@ from slowtime_schemas.raw import RawHeader
 from slowtime_schemas.streams import Stream
 
 
-class Description(NamedTuple):
+class ChannelSchema(NamedTuple):
     """Schema and message encoding, as MCAP calls them."""
 
     schema_name: str
@@ -20,7 +20,7 @@ class Description(NamedTuple):
 
 
 @functools.cache
-def describe(stream: Stream) -> Description:
+def describe(stream: Stream) -> ChannelSchema:
     """Describe `stream`: JSON with a JSON Schema that plots, or the layout of the raw block."""
     message = stream.message
     if message is None:
@@ -29,10 +29,10 @@ def describe(stream: Stream) -> Description:
             "header": json.loads(schema_text(RawHeader.MESSAGE, RawHeader.VERSION)),
         }
         name = f"slowtime.{RawHeader.MESSAGE}.v{RawHeader.VERSION}"
-        return Description(
+        return ChannelSchema(
             name, "x-slowtime-raw", json.dumps(layout).encode(), "x-slowtime-raw"
         )
-    return Description(
+    return ChannelSchema(
         f"slowtime.{message.MESSAGE}.v{message.VERSION}",
         "jsonschema",
         plotting_schema_text(message.MESSAGE, message.VERSION).encode(),

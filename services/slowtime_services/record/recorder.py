@@ -26,7 +26,7 @@ from slowtime_services.clock import Clock, SystemClock
 
 from .recovery import repack
 from .retransmission import Retransmission
-from .series import Series
+from .series import RecordingSeries
 from .writer import CHUNK_BYTES, RecordingWriter, free_path
 
 logger = logging.getLogger(__name__)
@@ -92,8 +92,8 @@ class Recorder:
         Begin another file, with a number after its name, once this one is so large or old.
     keep_bytes
         Most that the files of this recording, and those of earlier ones under its name (see
-        `Series`), take on the disk; None for no bound. Exceeded for half a second at most, by
-        what arrives in it.
+        `RecordingSeries`), take on the disk; None for no bound. Exceeded for half a second at
+        most, by what arrives in it.
     when_full
         What happens then: the oldest files are deleted, which is logged and said in the
         metadata of the next file; or the recording ends.
@@ -135,7 +135,7 @@ class Recorder:
                     f"{LEAST_BYTES}, and twice the size at which another file begins."
                 )
             rotate_bytes = rotate_bytes or keep_bytes // FILES_PER_RECORDING
-        self._series, self._keep_bytes = Series(Path(path)), keep_bytes
+        self._series, self._keep_bytes = RecordingSeries(Path(path)), keep_bytes
         self._when_full, self._full = when_full, threading.Event()
         self._deleted, self._deleted_names = 0, list[str]()
         self._unwritten = 0

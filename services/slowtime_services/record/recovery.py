@@ -30,7 +30,7 @@ from slowtime_services.operating_system import same_file
 
 from .chunks import Unpacking
 from .fragments import fragment_of, whole_records, without_zeros
-from .scanning import Broken, Piece, scan
+from .scanning import Broken, ByteRange, scan
 
 logger = logging.getLogger(__name__)
 
@@ -235,7 +235,7 @@ def _readable(data: mmap.mmap, salvage: _Salvage) -> Iterator[McapRecord]:
             yield from _one(data, piece, salvage)
 
 
-def _one(data: mmap.mmap, piece: Piece, salvage: _Salvage) -> list[McapRecord]:
+def _one(data: mmap.mmap, piece: ByteRange, salvage: _Salvage) -> list[McapRecord]:
     try:
         return [_READERS[Opcode(piece.opcode)](ReadDataStream(BytesIO(data[piece.body])))]
     except Exception as error:
@@ -246,7 +246,7 @@ def _one(data: mmap.mmap, piece: Piece, salvage: _Salvage) -> list[McapRecord]:
 
 
 def _inside(
-    data: mmap.mmap, piece: Piece, salvage: _Salvage, unpacking: Unpacking
+    data: mmap.mmap, piece: ByteRange, salvage: _Salvage, unpacking: Unpacking
 ) -> list[McapRecord]:
     try:
         chunk = Chunk.read(ReadDataStream(BytesIO(data[piece.body])))

@@ -18,7 +18,7 @@ from slowtime_schemas.codec import Refused, decode_sample
 from slowtime_schemas.messages import Health
 from slowtime_schemas.streams import FEATURES, HEALTH, request_key
 from slowtime_services.bus import Bus, Sample
-from slowtime_services.feature_runs import Run, run_and_sequence
+from slowtime_services.feature_runs import AgentRun, run_and_sequence
 
 logger = logging.getLogger(__name__)
 
@@ -148,7 +148,7 @@ class Retransmission:
                 len(answers),
             )
 
-    def _has_come(self, run: Run, sequence: int) -> None:
+    def _has_come(self, run: AgentRun, sequence: int) -> None:
         seen = self._seen(run, sequence)
         if sequence <= seen.newest:
             if seen.gaps:
@@ -163,7 +163,7 @@ class Retransmission:
         while len(seen.gaps) > MOST_GAPS:
             self._given_up += len(seen.gaps.pop(0))
 
-    def _seen(self, run: Run, sequence: int) -> _Seen:
+    def _seen(self, run: AgentRun, sequence: int) -> _Seen:
         """Return what is known of a run, which begins with `sequence` if nothing is."""
         address = run.site, run.asset
         boots = self._assets.setdefault(address, collections.OrderedDict())
@@ -199,13 +199,13 @@ class Retransmission:
         elif first <= last:
             seen.stated = _Gap(first, last, time.monotonic() + self._grace_s)
 
-    def _due(self, at_last: bool) -> list[tuple[Run, _Gap]]:
+    def _due(self, at_last: bool) -> list[tuple[AgentRun, _Gap]]:
         """Return what to ask for now: one of each asset, then another of each, and so on."""
         now, due = time.monotonic(), []
         with self._lock:
             for (site, asset), boots in self._assets.items():
                 gaps = (
-                    (Run(site, asset, boot), dataclasses.replace(gap))
+                    (AgentRun(site, asset, boot), dataclasses.replace(gap))
                     for boot, seen in boots.items()
                     for gap in self._due_of(seen, now, at_last)
                 )

@@ -31,7 +31,7 @@ _LENGTHS = {Opcode.DATA_END: 4, Opcode.FOOTER: 20}
 _LEAST_OF_MESSAGE = 22
 
 
-class Piece(NamedTuple):
+class ByteRange(NamedTuple):
     """A record from byte `begin` to before byte `end`."""
 
     opcode: int
@@ -51,7 +51,7 @@ class Broken(NamedTuple):
     end: int
 
 
-def scan(data: mmap.mmap) -> Iterator[Piece | Broken]:
+def scan(data: mmap.mmap) -> Iterator[ByteRange | Broken]:
     """Go through a file from its first record to its footer, or to its end.
 
     The mark at its beginning has been checked.
@@ -71,7 +71,7 @@ def scan(data: mmap.mmap) -> Iterator[Piece | Broken]:
     yield Broken(size, size)
 
 
-def _piece_at(data: mmap.mmap, at: int, size: int, *, ended: bool) -> Piece | None:
+def _piece_at(data: mmap.mmap, at: int, size: int, *, ended: bool) -> ByteRange | None:
     if at + HEAD.size > size:
         return None
     opcode, length = HEAD.unpack_from(data, at)
@@ -83,7 +83,7 @@ def _piece_at(data: mmap.mmap, at: int, size: int, *, ended: bool) -> Piece | No
         return None
     if opcode == Opcode.MESSAGE and length < _LEAST_OF_MESSAGE:
         return None
-    return Piece(opcode, at, end)
+    return ByteRange(opcode, at, end)
 
 
 def _is_index(data: mmap.mmap, at: int, length: int) -> bool:

@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 
-class Series:
+class RecordingSeries:
     """Files ``name.mcap``, ``name-0001.mcap``, … of one folder, the oldest first.
 
     Files of earlier runs under the same name belong to it; nothing else in the folder does.

@@ -3,19 +3,25 @@
 from .blocks import block_of, measured_rate, raw_blocks, record_of, record_or_foreign
 from .integrity import Supervise, check
 from .layout import layout_of
-from .ledger_check import Verdict, verdicts
-from .player import PLAYED, Played, Progress, replay
-from .recording_reader import Contents, Recorded, RecordingError, contents, read_recording
+from .ledger_check import LedgerCheck, verdicts
+from .player import PLAYED, Played, ReplayProgress, replay
+from .recording_reader import (
+    Contents,
+    RecordedMessage,
+    RecordingError,
+    contents,
+    read_recording,
+)
 
 __all__ = [
     "PLAYED",
     "Contents",
+    "LedgerCheck",
     "Played",
-    "Progress",
-    "Recorded",
+    "RecordedMessage",
     "RecordingError",
+    "ReplayProgress",
     "Supervise",
-    "Verdict",
     "block_of",
     "check",
     "contents",

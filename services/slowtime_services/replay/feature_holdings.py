@@ -9,9 +9,9 @@ from pathlib import Path
 from slowtime_schemas.codec import Refused, decode_sample
 from slowtime_schemas.messages import Health
 from slowtime_schemas.streams import FEATURES, HEALTH
-from slowtime_services.feature_runs import Run, run_and_sequence
+from slowtime_services.feature_runs import AgentRun, run_and_sequence
 
-from .recording_reader import Recorded, read_recording
+from .recording_reader import RecordedMessage, read_recording
 
 LAST_SEQUENCE = 2**63 - 1
 """Largest sequence that a message holds [1]."""
@@ -52,20 +52,20 @@ class RunFeatures:
         return (min(arrivals), max(arrivals)) if arrivals else None
 
 
-def features_by_run(path: Path) -> dict[Run, RunFeatures]:
+def features_by_run(path: Path) -> dict[AgentRun, RunFeatures]:
     """Read a recording once for the features of each run, in order of appearance."""
-    arrivals: dict[Run, dict[int, int]] = {}
-    words: dict[Run, Health] = {}
+    arrivals: dict[AgentRun, dict[int, int]] = {}
+    words: dict[AgentRun, Health] = {}
     for message in read_recording(path, streams=[FEATURES, HEALTH]):
         if (known := run_and_sequence(message.key, message.payload)) is not None:
             arrivals.setdefault(known[0], {}).setdefault(known[1], message.log_ns)
         elif (health := _health(message)) is not None:
-            words[Run(health.site, health.asset, health.boot)] = health
+            words[AgentRun(health.site, health.asset, health.boot)] = health
     return {run: _holding(of_run, words.get(run)) for run, of_run in arrivals.items()}
 
 
 def features_again(
-    path: Path, run: Run, holding: RunFeatures, first: int, last: int
+    path: Path, run: AgentRun, holding: RunFeatures, first: int, last: int
 ) -> list[bytes]:
     """Read the features from `first` to `last` again, as far as published, in order.
 
@@ -87,7 +87,9 @@ def features_again(
     return [payload for _, payload in sorted(found.items())]
 
 
-def health_messages(holdings: Mapping[Run, RunFeatures]) -> Iterator[tuple[Run, Health]]:
+def health_messages(
+    holdings: Mapping[AgentRun, RunFeatures],
+) -> Iterator[tuple[AgentRun, Health]]:
     """Make the health of each run of which features are outstanding: it shows a lost tail."""
     for run, holding in holdings.items():
         if not holding.outstanding:
@@ -114,7 +116,7 @@ def _holding(arrivals: dict[int, int], health: Health | None) -> RunFeatures:
     return RunFeatures(array("q", ordered), arrived, health=health)
 
 
-def _health(message: Recorded) -> Health | None:
+def _health(message: RecordedMessage) -> Health | None:
     try:
         health = decode_sample(message.key, message.payload)
     except Refused:

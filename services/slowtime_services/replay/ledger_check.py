@@ -13,7 +13,7 @@ from slowtime_schemas.streams import FEATURES, LEDGER
 from slowtime_services.ledger import (
     Entry,
     Head,
-    Leaf,
+    MerkleLeaf,
     beginning,
     chain,
     features_digest,
@@ -30,7 +30,7 @@ PACKED = "w"
 
 
 @dataclasses.dataclass
-class Verdict:
+class LedgerCheck:
     """Result for one asset of a recording.
 
     Parameters
@@ -60,7 +60,7 @@ class Verdict:
 
 def verdicts(
     path: Path | str, public: str | None = None, kept: Head | None = None
-) -> dict[str, Verdict]:
+) -> dict[str, LedgerCheck]:
     """Compare a recording with the signed heads in it.
 
     Parameters
@@ -127,8 +127,8 @@ class _Held:
 
 def _verdict(
     digests: dict[tuple[str, int], bytes], said: list[LedgerUpdate], public: str | None
-) -> Verdict:
-    found, there = Verdict(), _Held(digests)
+) -> LedgerCheck:
+    found, there = LedgerCheck(), _Held(digests)
     before: LedgerUpdate | None = None
     vouched: set[tuple[str, int]] = set()
     heads: dict[int, SignedHead] = {}
@@ -153,7 +153,7 @@ def _why_not_signed(message: LedgerUpdate, public: str | None) -> str | None:
     head = Head(**message.head.model_dump())
     if not head.is_signed or head.public != (public or head.public):
         return "is not signed with the server's key"
-    leaf = Leaf(
+    leaf = MerkleLeaf(
         message.twin_id,
         message.count,
         message.link,
@@ -172,7 +172,7 @@ def _follow(
     before: LedgerUpdate | None,
     message: LedgerUpdate,
     vouched: set[tuple[str, int]],
-    found: Verdict,
+    found: LedgerCheck,
 ) -> None:
     """Chain rows accepted since the head before, from those that the recording holds.
 
@@ -181,7 +181,7 @@ def _follow(
     if before is None and message.accepted_after == 0:
         from_head = beginning(message.twin_id)
     elif before is not None and message.accepted_after <= before.count:
-        from_head = Leaf(before.twin_id, before.count, before.link, 0, "").end
+        from_head = MerkleLeaf(before.twin_id, before.count, before.link, 0, "").end
     else:
         return
     rows, which = sum(map(_count, message.accepted)), f"head {message.head.number}"
@@ -201,7 +201,7 @@ def _follow(
         return
     keys = [(one.boot, n) for one in features for n in range(one.first, one.last + 1)]
     entries = list(_entries(accepted, there))
-    to_head = Leaf(message.twin_id, message.count, message.link, 0, "").end
+    to_head = MerkleLeaf(message.twin_id, message.count, message.link, 0, "").end
     if linked(from_head, entries) != to_head:
         found.wrong.append(
             f"of what head {message.head.number} vouches for and none before it, something is "

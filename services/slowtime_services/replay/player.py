@@ -38,10 +38,10 @@ from slowtime_schemas.streams import (
 )
 from slowtime_services.bus import Bus, Query, Sample
 from slowtime_services.clock import Clock, SystemClock
-from slowtime_services.feature_runs import Run, run_and_sequence
+from slowtime_services.feature_runs import AgentRun, run_and_sequence
 
 from .feature_holdings import RunFeatures, features_again, features_by_run, health_messages
-from .recording_reader import Contents, Recorded, contents, read_recording
+from .recording_reader import Contents, RecordedMessage, contents, read_recording
 
 logger = logging.getLogger(__name__)
 
@@ -55,7 +55,7 @@ _REMIND_S = 0.5
 """How long without any acknowledgement until the twin is told again how far each run is."""
 
 
-class Progress(NamedTuple):
+class ReplayProgress(NamedTuple):
     """Progress of a replay."""
 
     done: int
@@ -91,7 +91,7 @@ def replay(
     speed: float = 1.0,
     streams: Collection[Stream] = PLAYED,
     clock: Clock | None = None,
-    progress: Callable[[Progress], None] | None = None,
+    progress: Callable[[ReplayProgress], None] | None = None,
     stop: threading.Event | None = None,
     window: int = 1000,
     patience_s: float = 5.0,
@@ -141,8 +141,8 @@ def replay(
 
 
 def _paced(
-    messages: Iterator[Recorded], speed: float, clock: Clock, stop: threading.Event
-) -> Iterator[Recorded]:
+    messages: Iterator[RecordedMessage], speed: float, clock: Clock, stop: threading.Event
+) -> Iterator[RecordedMessage]:
     """Yield each message at its time."""
     if math.isinf(speed):
         yield from itertools.takewhile(lambda _: not stop.is_set(), messages)
@@ -180,7 +180,7 @@ class _Player:
         self._holdings = features_by_run(path)
         self._outstanding = 0
         """Features published and not acknowledged, of all runs."""
-        self._runs: dict[tuple[str, str], list[tuple[Run, RunFeatures]]] = {}
+        self._runs: dict[tuple[str, str], list[tuple[AgentRun, RunFeatures]]] = {}
         for run, holding in self._holdings.items():
             self._runs.setdefault((run.site, run.asset), []).append((run, holding))
         self._changed = threading.Condition()
@@ -190,7 +190,7 @@ class _Player:
         self._counts: dict[str, int] = {}
         self._told = 0.0
         self._log_ns = 0
-        self.progress: Callable[[Progress], None] | None = None
+        self.progress: Callable[[ReplayProgress], None] | None = None
         self.total = 0
 
     @contextlib.contextmanager
@@ -208,7 +208,7 @@ class _Player:
                     handles.callback(handle.close)
             yield
 
-    def publish(self, message: Recorded) -> None:
+    def publish(self, message: RecordedMessage) -> None:
         """Send one message, once there is room for it in the window."""
         stream = _stream_of(message.key)
         if (
@@ -287,7 +287,7 @@ class _Player:
         except Refused:
             return
         with self._changed:
-            holding = self._holdings.get(Run(ack.site, ack.asset, ack.boot))
+            holding = self._holdings.get(AgentRun(ack.site, ack.asset, ack.boot))
             if holding is None:
                 return
             sequence = min(ack.sequence, holding.published)  # beyond, nothing was sent
@@ -322,7 +322,7 @@ class _Player:
                 for payload in features_again(self._path, run, holding, first, last):
                     yield FEATURES.key(run.site, run.asset), payload
 
-    def _requested_runs(self, key: str, what: str) -> list[tuple[Run, RunFeatures]]:
+    def _requested_runs(self, key: str, what: str) -> list[tuple[AgentRun, RunFeatures]]:
         address = address_of(key)
         if address is None or key != request_key(*address, what):
             return []
@@ -335,4 +335,4 @@ class _Player:
         if at_last or now - self._told > 0.1:
             self._told = now
             done = sum(self._counts.values())
-            self.progress(Progress(done, self.total, self._log_ns))
+            self.progress(ReplayProgress(done, self.total, self._log_ns))

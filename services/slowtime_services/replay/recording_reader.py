@@ -31,7 +31,7 @@ class RecordingError(ValueError):
     """A file that cannot be read as a recording; the text says what to do."""
 
 
-class Recorded(NamedTuple):
+class RecordedMessage(NamedTuple):
     """One message of a recording."""
 
     log_ns: int
@@ -97,7 +97,7 @@ def read_recording(
     streams: Collection[Stream] = STREAMS,
     start_ns: int | None = None,
     end_ns: int | None = None,
-) -> Iterator[Recorded]:
+) -> Iterator[RecordedMessage]:
     """Yield the messages of `streams` in the order they were written.
 
     Parameters
@@ -119,7 +119,7 @@ def read_recording(
 
 def _messages(
     path: Path, keys: Collection[str], start_ns: int | None, end_ns: int | None
-) -> Iterator[Recorded]:
+) -> Iterator[RecordedMessage]:
     first = 0 if start_ns is None else start_ns
     last = 2**64 if end_ns is None else end_ns - 1
     with path.open("rb") as file:
@@ -135,7 +135,7 @@ def _messages(
 
 def _every_message(
     file: BinaryIO, keys: Collection[str], first: int, last: int
-) -> Iterator[Recorded]:
+) -> Iterator[RecordedMessage]:
     """Yield the messages of all chunks that may have some between `first` and `last`."""
     reader = make_reader(file, validate_crcs=True)
     summary = reader.get_summary()
@@ -155,7 +155,7 @@ def _every_message(
             yield from _split(stream.read(length), topics)
 
 
-def _unindexed(file: BinaryIO, keys: Collection[str]) -> Iterator[Recorded]:
+def _unindexed(file: BinaryIO, keys: Collection[str]) -> Iterator[RecordedMessage]:
     """Read a recording without chunk index from beginning to end."""
     unpacking = _unpacking(file)
     file.seek(0)
@@ -169,14 +169,14 @@ def _unindexed(file: BinaryIO, keys: Collection[str]) -> Iterator[Recorded]:
                 topics[found.id] = current_key(found.topic)
             elif isinstance(found, Message) and found.channel_id in topics:
                 topic = topics[found.channel_id]
-                yield Recorded(found.log_time, found.publish_time, topic, found.data)
+                yield RecordedMessage(found.log_time, found.publish_time, topic, found.data)
 
 
 def _unpacking(file: BinaryIO) -> Unpacking:
     return Unpacking(file.seek(0, 2))
 
 
-def _split(chunk: bytes, topics: Mapping[int, str]) -> Iterator[Recorded]:
+def _split(chunk: bytes, topics: Mapping[int, str]) -> Iterator[RecordedMessage]:
     """Take the messages out of an uncompressed chunk, thrice as fast as the library does."""
     position, end = 0, len(chunk)
     while position < end:
@@ -187,7 +187,7 @@ def _split(chunk: bytes, topics: Mapping[int, str]) -> Iterator[Recorded]:
             channel, _, log_ns, publish_ns = MESSAGE.unpack_from(chunk, begins)
             if channel in topics:
                 payload = chunk[begins + MESSAGE.size : position]
-                yield Recorded(log_ns, publish_ns, topics[channel], payload)
+                yield RecordedMessage(log_ns, publish_ns, topics[channel], payload)
 
 
 @contextlib.contextmanager

@@ -5,9 +5,9 @@ from typing import Annotated, Any
 
 from pydantic import Discriminator, Tag, TypeAdapter
 
-from .evolutions import Constant, Evolution, Fatigue, FillingAndEmptying, Linear, Step
+from .evolutions import Evolution, FatigueLoss, FillingAndEmptying, Linear, StepLoss, Unchanged
 from .frame import Machine, SimulatedFrame
-from .measurement import ORIGIN_NS, Sensor, Simulated, Temperature
+from .measurement import ORIGIN_NS, EvolvingStructure, SensorErrors, Temperature
 from .model_structure import SimulatedModel
 from .oscillator import SimulatedStructure
 
@@ -26,7 +26,7 @@ AnyStructure = Annotated[
 """Whatever can be simulated, by its `kind`; an oscillator where none is given."""
 
 
-def simulated_structure(fields: Mapping[str, Any]) -> Simulated:
+def simulated_structure(fields: Mapping[str, Any]) -> EvolvingStructure:
     """Make the structure that `fields` describe.
 
     Examples
@@ -43,18 +43,18 @@ def simulated_structure(fields: Mapping[str, Any]) -> Simulated:
 __all__ = [
     "ORIGIN_NS",
     "AnyStructure",
-    "Constant",
     "Evolution",
-    "Fatigue",
+    "EvolvingStructure",
+    "FatigueLoss",
     "FillingAndEmptying",
     "Linear",
     "Machine",
-    "Sensor",
-    "Simulated",
+    "SensorErrors",
     "SimulatedFrame",
     "SimulatedModel",
     "SimulatedStructure",
-    "Step",
+    "StepLoss",
     "Temperature",
+    "Unchanged",
     "simulated_structure",
 ]

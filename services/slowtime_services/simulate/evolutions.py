@@ -7,11 +7,12 @@ import numpy as np
 from pydantic import Field
 
 from slowtime.dynamics.evolution_functions import mass_change, stiffness_change
+from slowtime_schemas.quantities import Immutable
 
-from .field_types import Frozen, NotNegative, Positive
+from .field_types import NotNegative, Positive
 
 
-class Constant(Frozen):
+class Unchanged(Immutable):
     """Nothing changes after a first difference from the structure as built."""
 
     kind: Literal["constant"] = "constant"
@@ -22,7 +23,7 @@ class Constant(Frozen):
         return self.change
 
 
-class Renewable(Frozen):
+class Renewable(Immutable):
     """A structure that ages until a renewal, and then starts again as built."""
 
     renewed_after: Positive | None = None
@@ -54,7 +55,7 @@ class Linear(Renewable):
         return max(drift, self.limit) if self.rate < 0 else min(drift, abs(self.limit))
 
 
-class Step(Renewable):
+class StepLoss(Renewable):
     """A sudden change, as after a collision."""
 
     kind: Literal["step"] = "step"
@@ -66,7 +67,7 @@ class Step(Renewable):
         return self.change if self.age(slow_time) >= self.at_slow_time else 0.0
 
 
-class Fatigue(Renewable):
+class FatigueLoss(Renewable):
     """Exponential loss with a ripple, eq. 5.12 of the book."""
 
     kind: Literal["fatigue"] = "fatigue"
@@ -85,7 +86,7 @@ class Fatigue(Renewable):
         return float(series[0])
 
 
-class FillingAndEmptying(Frozen):
+class FillingAndEmptying(Immutable):
     """Mass that comes and goes in steps, as in a tank or an aircraft, eq. 5.13 of the book."""
 
     kind: Literal["filling"] = "filling"
@@ -99,7 +100,8 @@ class FillingAndEmptying(Frozen):
 
 
 Evolution = Annotated[
-    Constant | Linear | Step | Fatigue | FillingAndEmptying, Field(discriminator="kind")
+    Unchanged | Linear | StepLoss | FatigueLoss | FillingAndEmptying,
+    Field(discriminator="kind"),
 ]
 
 
@@ -108,7 +110,7 @@ def renewals(evolutions: Iterable[Evolution], slow_time: float) -> int | None:
 
     Examples
     --------
-    >>> renewals([Fatigue(renewed_after=1000.0), Constant()], 2500.0)
+    >>> renewals([FatigueLoss(renewed_after=1000.0), Unchanged()], 2500.0)
     2
     """
     renewed = [

@@ -15,15 +15,16 @@ from slowtime.dynamics.modes import complex_modes, undamped_modes
 from slowtime.dynamics.simulation import ambient_structure
 from slowtime.dynamics.structure import Square, Structure
 from slowtime.dynamics.transfer import frequency_response
+from slowtime_schemas.quantities import Immutable
 
-from .evolutions import Constant, Evolution, renewals
-from .field_types import Frozen, NotNegative, Positive
-from .measurement import LASTING, Record, Simulated
+from .evolutions import Evolution, Unchanged, renewals
+from .field_types import NotNegative, Positive
+from .measurement import LASTING, EvolvingStructure, Record
 
 Amounts = Annotated[tuple[Positive, ...], Field(min_length=1, max_length=12)]
 
 
-class Machine(Frozen):
+class Machine(Immutable):
     """A machine that runs on one floor at a steady speed."""
 
     floor: str
@@ -32,7 +33,7 @@ class Machine(Frozen):
     """Standard deviation of what its own floor's acceleration shows, in `acceleration_rms`."""
 
 
-class SimulatedFrame(Simulated):
+class SimulatedFrame(EvolvingStructure):
     """Rigid floors on storeys that sway, under ambient forces on all floors.
 
     Floors are ``floor1`` … from the lowest upwards, on ``storey1`` …; the dampers stay as
@@ -133,12 +134,12 @@ class SimulatedFrame(Simulated):
             for name in parts.stiffness_parts
         }
         mass = {
-            name: self.mass.get(name, Constant()).at(slow_time) for name in parts.mass_parts
+            name: self.mass.get(name, Unchanged()).at(slow_time) for name in parts.mass_parts
         }
         return stiffness, mass
 
     def _lasting(self, storey: str, epoch: int) -> float:
-        return self.stiffness.get(storey, Constant()).at(epoch * self.slow_time_step)
+        return self.stiffness.get(storey, Unchanged()).at(epoch * self.slow_time_step)
 
     def _structure(self, epoch: int) -> Structure:
         stiffness, mass = self._changes(epoch)

@@ -14,9 +14,9 @@ from jaxtyping import Bool, Float
 from pydantic import Field, model_validator
 
 from slowtime.signals.block import Block
-from slowtime_schemas.quantities import RENEWALS
+from slowtime_schemas.quantities import RENEWALS, Immutable
 
-from .field_types import Frozen, NotNegative, Positive
+from .field_types import NotNegative, Positive
 
 ORIGIN_NS = 1_767_225_600_000_000_000
 """2026-01-01 UTC: where a simulator's own time begins unless told otherwise."""
@@ -27,7 +27,7 @@ LASTING = "lasting."
 Record = Float[np.ndarray, "time channel"]
 
 
-class Sensor(Frozen):
+class SensorErrors(Immutable):
     """Errors that each accelerometer adds."""
 
     noise: NotNegative = 0.05
@@ -41,7 +41,7 @@ class Sensor(Frozen):
     dtype: Literal["<f8", "<f4"] = "<f4"
 
 
-class Temperature(Frozen):
+class Temperature(Immutable):
     """A varying temperature, and its effect on the stiffness."""
 
     mean_c: float = 12.0
@@ -71,7 +71,7 @@ class Temperature(Frozen):
         return self.stiffness_per_c * (celsius - self.mean_c) + steeper * cold
 
 
-class Simulated(Frozen, abc.ABC):
+class EvolvingStructure(Immutable, abc.ABC):
     """A structure that evolves in slow time and is listened to now and then.
 
     Parameters
@@ -101,7 +101,7 @@ class Simulated(Frozen, abc.ABC):
     interval_s: Positive = 3600.0
     block_s: Positive | None = None
     acceleration_rms: Positive = 0.1
-    sensor: Sensor = Sensor()
+    sensor: SensorErrors = SensorErrors()
     temperature: Temperature | None = None
     start_ns: Annotated[int, Field(ge=0)] = ORIGIN_NS
     seed: Annotated[int, Field(ge=0)] = 0
@@ -133,7 +133,7 @@ class Simulated(Frozen, abc.ABC):
         """Accelerations before the sensors have seen them [m/s^2]."""
 
     @model_validator(mode="after")
-    def _is_heard(self) -> "Simulated":
+    def _is_heard(self) -> "EvolvingStructure":
         highest = self._highest_hz()
         if highest >= 0.4 * self.rate_hz:
             raise ValueError(

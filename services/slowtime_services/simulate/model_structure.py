@@ -18,10 +18,10 @@ from slowtime.dynamics.modes import undamped_modes
 from slowtime_schemas.files.model import ModelFile
 
 from .field_types import NotNegative, Positive
-from .measurement import Record, Simulated
+from .measurement import EvolvingStructure, Record
 
 
-class SimulatedModel(Simulated):
+class SimulatedModel(EvolvingStructure):
     """A structure of a model file under its measured inputs, each epoch from rest.
 
     Inputs are Gaussian, white within `band_hz`, and are sent beside the sensors' channels, free

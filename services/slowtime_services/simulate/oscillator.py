@@ -14,12 +14,12 @@ from pydantic import Field
 from slowtime.dynamics.sdof.oscillator import Oscillator
 from slowtime.dynamics.sdof.simulation import ambient_acceleration, simulate
 
-from .evolutions import Constant, Evolution, renewals
+from .evolutions import Evolution, Unchanged, renewals
 from .field_types import Positive
-from .measurement import LASTING, Record, Simulated
+from .measurement import LASTING, EvolvingStructure, Record
 
 
-class SimulatedStructure(Simulated):
+class SimulatedStructure(EvolvingStructure):
     """One degree of freedom that evolves in slow time and is listened to now and then.
 
     Stiffness and mass change as their evolutions say; the damping coefficient stays as built.
@@ -40,8 +40,8 @@ class SimulatedStructure(Simulated):
     frequency_hz: Positive = 5.0
     damping_ratio: Annotated[float, Field(gt=0, lt=1)] = 0.02
     mass_kg: Positive = 1.0
-    stiffness: Evolution = Constant()
-    mass: Evolution = Constant()
+    stiffness: Evolution = Unchanged()
+    mass: Evolution = Unchanged()
     excitation: Literal["ambient", "hammer"] = "ambient"
     channel: str = "acceleration"
 

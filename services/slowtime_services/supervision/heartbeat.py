@@ -49,7 +49,7 @@ if hasattr(os, "register_at_fork"):
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
-class Watch:
+class WatchReport:
     """What the watcher of a process is told.
 
     Parameters
@@ -78,7 +78,9 @@ class Heartbeat:
         Called with each sign of life; says whether the work goes on. Systemd gets none else.
     """
 
-    def __init__(self, watch: Watch | None, look: Callable[[], bool] = lambda: True) -> None:
+    def __init__(
+        self, watch: WatchReport | None, look: Callable[[], bool] = lambda: True
+    ) -> None:
         self.look = look
         self._watch = watch if os.name == "posix" else None
         self._watcher: subprocess.Popen[bytes] | None = None
@@ -124,7 +126,7 @@ class Heartbeat:
         notify("STOPPING=1", "STATUS=Ending.")
         self._write(bytes([LEAVING]))
 
-    def _begin(self, watch: Watch) -> None:
+    def _begin(self, watch: WatchReport) -> None:
         theirs, self._pipe = os.pipe()
         os.set_blocking(self._pipe, False)
         _pipes.add(self._pipe)

@@ -36,7 +36,7 @@ LEAVING = ord("s")
 """Byte by which the process says that it has begun to end."""
 
 
-class Watched:
+class WatchedProcess:
     """A process, and what its threads have done since it was looked at.
 
     Parameters
@@ -87,7 +87,7 @@ def watch(pid: int, silent_s: float, grace_s: float, marked: str) -> None:
     marked
         File whose first byte is written over where it gave no sign of life; empty for none.
     """
-    watched, quiet_s = Watched(pid), 0.0
+    watched, quiet_s = WatchedProcess(pid), 0.0
     left_s: float | None = None
     before_s = time.monotonic()
     while os.getppid() == pid:

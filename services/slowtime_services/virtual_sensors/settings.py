@@ -12,7 +12,7 @@ from slowtime_schemas.quantities import Frozen, PlainText
 if TYPE_CHECKING:
     from slowtime.estimation.virtual import Output
     from slowtime.fatigue.counter import Counter
-    from slowtime.fatigue.curves import Curve
+    from slowtime.fatigue.curves import SNCurve
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -110,15 +110,15 @@ class PointCurve(Frozen):
         return self
 
     @property
-    def curve(self) -> "Curve":
+    def curve(self) -> "SNCurve":
         """The median curve."""
-        from slowtime.fatigue.curves import Curve
+        from slowtime.fatigue.curves import SNCurve
 
         if self.detail_category is not None:
-            return Curve.of_detail_category(self.detail_category, log10_sd=self.log10_sd)
+            return SNCurve.of_detail_category(self.detail_category, log10_sd=self.log10_sd)
         assert self.constant is not None
         assert self.slope is not None
-        return Curve(
+        return SNCurve(
             constant=self.constant,
             slope=self.slope,
             knee=self.knee,

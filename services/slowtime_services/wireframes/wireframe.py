@@ -12,7 +12,7 @@ from slowtime.finite_elements.degrees_of_freedom import DofMap
 from slowtime_schemas.files.finite_elements import FrameModel, SpatialSensor
 from slowtime_services.matrices import MatrixFileError, MatrixModel
 from slowtime_services.modal import Geometry as GeometryFile
-from slowtime_services.modal import Place, places_of
+from slowtime_services.modal import NodeAxis, places_of
 
 from .thinning import contracted, spread_nodes
 
@@ -177,7 +177,7 @@ def measured_wireframe(channels: Sequence[str], geometry: GeometryFile) -> Wiref
     )
 
 
-def _along(place: Place) -> tuple[float, float, float]:
+def _along(place: NodeAxis) -> tuple[float, float, float]:
     line = [0.0, 0.0, 0.0]
     line[abs(place.axis) - 1] = 1.0 if place.axis > 0 else -1.0
     return line[0], line[1], line[2]

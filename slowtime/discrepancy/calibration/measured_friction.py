@@ -27,7 +27,7 @@ from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.description import Description, Input
 from slowtime.dynamics.effects import Effect, Friction, Law, Motion, force_along
 from slowtime.dynamics.plant import Name, Plant
-from slowtime.dynamics.plant.simulation_run import Run
+from slowtime.dynamics.plant.simulation_run import PlantRun
 from slowtime.signals.spectra import transform
 
 DIFFERENCE_STEP = 1e-4
@@ -125,7 +125,9 @@ class MeasuredFrictionPlant:
     def _bare(self, values: Values) -> "_FrictionlessPlant":
         return _FrictionlessPlant.of(self.plant, values)
 
-    def _seen(self, bare: "_FrictionlessPlant", inputs: Series, state0: InitialState) -> Run:
+    def _seen(
+        self, bare: "_FrictionlessPlant", inputs: Series, state0: InitialState
+    ) -> PlantRun:
         """Run the linear part with the most probable errors of its inputs."""
         rest = np.zeros((len(inputs), len(bare.nodes)))
         run = bare.run(inputs, rest, state0, self.trial)
@@ -192,14 +194,14 @@ class _FrictionlessPlant:
                 renamed[name] = (name[0], kept.index(name[1]), name[2])
         return cls(Plant.of(bare, kinds=plant.kinds), friction, nodes, renamed)
 
-    def run(self, inputs: Series, push: Series, state0: InitialState, trial: Trial) -> Run:
+    def run(self, inputs: Series, push: Series, state0: InitialState, trial: Trial) -> PlantRun:
         """Run with inputs (time, input) and forces on the nodes (time, node) [N]."""
         both = np.concatenate([inputs, push], axis=1)
         return self.plant.run(
             self.plant.values, both, trial.rate_hz, state0=state0, start_s=trial.start_s
         )
 
-    def friction_forces(self, run: Run) -> Series:
+    def friction_forces(self, run: PlantRun) -> Series:
         """Friction force on each of the nodes along a run (time, node) [N]."""
         names = self.plant.matrices.names
         dofs = len(names)

@@ -179,7 +179,7 @@ class ForceRegression:
         self.step_m = max(STEP_SHARE * span, path / MOST_STEPS)
         self.steps = [_finer(one.motion, self.step_m) for one in records]
         self.centre_sd = OFFSET_SHARE * float(np.ptp(self.linear[:, 0]))
-        self.constants = Constants.of(rig, tolerance)
+        self.constants = ClaimedConstants.of(rig, tolerance)
 
     def bare(self) -> ForceFit:
         """Fit the spring, the damper and a constant alone."""
@@ -325,7 +325,7 @@ class ForceRegression:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Constants:
+class ClaimedConstants:
     """Claims of the model: stiffness [N/m], damping [N s/m] and no constant force [N].
 
     What the model says nothing of is free. A damper that a model has drives nothing.
@@ -335,12 +335,12 @@ class Constants:
     sd: Float[np.ndarray, "3"]
 
     @staticmethod
-    def of(rig: ImposedRig, tolerance: Tolerance | None) -> "Constants":
+    def of(rig: ImposedRig, tolerance: Tolerance | None) -> "ClaimedConstants":
         """Return the claims of a model, with its tolerances."""
         mean = np.array([rig.spring.stiffness_n_per_m, rig.spring.damping_n_s_per_m, 0.0])
         given = tolerance or Tolerance()
         spread = np.array([given.stiffness, given.damping, 0.0]) * mean
-        return Constants(mean, np.where(spread > 0, spread, np.inf))
+        return ClaimedConstants(mean, np.where(spread > 0, spread, np.inf))
 
     def fit(
         self, linear: Float[np.ndarray, "time 3"], force: Series, level: float

@@ -23,7 +23,7 @@ from slowtime.discrepancy.estimation.switching_instant import refine_switching_i
 from slowtime.discrepancy.hypothesis import Hypothesis, SearchStep
 from slowtime.discrepancy.quoting import moved_of
 from slowtime.discrepancy.records import Trial
-from slowtime.discrepancy.selection.acceptance import Terms, accept
+from slowtime.discrepancy.selection.acceptance import Criteria, accept
 from slowtime.discrepancy.selection.many_laws import variable_of
 from slowtime.discrepancy.selection.probabilities import answer_of, hardly_any, shares_of
 from slowtime.discrepancy.thresholds import LIMITS
@@ -131,7 +131,7 @@ class JointPairs:
             fitted=tuple(sorted(given.fitted, key=lambda one: -one.score)),
             tried=given.tried,
         )
-        terms = Terms(stated=self.stated, pulled=False, asked=self.asked)
+        terms = Criteria(stated=self.stated, pulled=False, asked=self.asked)
         step = accept(branch, alone.fit, [both], given.trials, kinds, terms)
         if not step.added:
             holds = step.hypothesis.suggested_holds

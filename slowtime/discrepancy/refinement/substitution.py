@@ -27,7 +27,7 @@ from slowtime.discrepancy.localization import Localization, locate
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.quoting import moved_of
 from slowtime.discrepancy.records import Trial
-from slowtime.discrepancy.selection.acceptance import Terms, accept, is_second_curve
+from slowtime.discrepancy.selection.acceptance import Criteria, accept, is_second_curve
 from slowtime.discrepancy.selection.comparison import better, explains_all
 from slowtime.discrepancy.selection.probabilities import first_doubts
 from slowtime.discrepancy.thresholds import LIMITS
@@ -220,7 +220,12 @@ def _searched_again(
 
     fitted = fit_candidates(before, list(reversed(candidates.values())), trials, kinds, tick)
     step = accept(
-        branch, before, fitted, trials, kinds, Terms(stated=stated, pulled=bool(moved_of(less)))
+        branch,
+        before,
+        fitted,
+        trials,
+        kinds,
+        Criteria(stated=stated, pulled=bool(moved_of(less))),
     )
     found = step.hypothesis
     if not step.added or found.holds is not None:

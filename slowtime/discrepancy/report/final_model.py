@@ -21,7 +21,7 @@ from slowtime.dynamics.effects import Kind
 
 from .evaluation import Evaluation, described
 from .gap_closure import ClosedGap, close_gap
-from .judgement import Judgement
+from .judgement import JudgedHypothesis
 
 NO_SURFACE = (
     "No force surface was fitted: what is missing is an unmeasured motion, not a force in an "
@@ -54,7 +54,7 @@ class KeptModel:
 
 
 def kept_model(
-    judged: Judgement,
+    judged: JudgedHypothesis,
     evaluation: Evaluation,
     trials: tuple[Trial, ...],
     kinds: Mapping[str, Kind],
@@ -81,8 +81,8 @@ def kept_model(
 
 
 def requoted_judgement(
-    judged: Judgement, kept: KeptModel, kinds: Mapping[str, Kind]
-) -> Judgement:
+    judged: JudgedHypothesis, kept: KeptModel, kinds: Mapping[str, Kind]
+) -> JudgedHypothesis:
     """Quote the parameters as the last refit leaves them, the verdict being what it is."""
     if kept.refitted is None:
         return judged

@@ -29,7 +29,7 @@ Source: docs/what_decides.md: half and double change no answer."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Judgement:
+class JudgedHypothesis:
     """A hypothesis after its free runs on records that were not fitted.
 
     Parameters
@@ -45,13 +45,15 @@ class Judgement:
     effects: tuple[NamedEffect, ...]
 
 
-def judge(found: Hypothesis, evaluation: Evaluation, kinds: Mapping[str, Kind]) -> Judgement:
+def judge(
+    found: Hypothesis, evaluation: Evaluation, kinds: Mapping[str, Kind]
+) -> JudgedHypothesis:
     """Judge a hypothesis by what it leaves, and by records that were not fitted."""
     found = _doubted(found, evaluation, kinds)
     unknown = is_unknown(found, evaluation, kinds)
     found = found if unknown else _near_unknown(found)
     effects = _tempered(found, () if unknown else found.effects, kinds)
-    return Judgement(found=found, unknown=unknown, effects=effects)
+    return JudgedHypothesis(found=found, unknown=unknown, effects=effects)
 
 
 def unknown_sentence(

@@ -29,7 +29,7 @@ from .explanation import (
 )
 from .final_model import KeptModel, moved_constants
 from .gap_closure import describe_gap_closure
-from .judgement import Judgement
+from .judgement import JudgedHypothesis
 from .likeness import Likeness
 
 NOT_HELD_OUT = (
@@ -68,7 +68,7 @@ HURRIED = "The computing budget ran out before every law was tried; raise it wit
 
 def notes_of(
     given: Description,
-    judged: Judgement,
+    judged: JudgedHypothesis,
     kept: KeptModel,
     evaluation: Evaluation,
     kinds: Mapping[str, Kind],

@@ -19,7 +19,7 @@ from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.quoting import moved_of
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refinement.substitution import generalize, substitute
-from slowtime.discrepancy.selection.acceptance import Terms, accept
+from slowtime.discrepancy.selection.acceptance import Criteria, accept
 from slowtime.discrepancy.selection.comparison import better, explains_all
 from slowtime.discrepancy.thresholds import LIMITS
 
@@ -142,7 +142,7 @@ def _begin_otherwise(
             break
         if how.monitor.is_late:
             return dataclasses.replace(found, exhausted=True)
-        terms = Terms(stated=how.stated, pulled=bool(moved_of(first)))
+        terms = Criteria(stated=how.stated, pulled=bool(moved_of(first)))
         start = Hypothesis((first,), trials, localized=found.localized)
         step = accept(start, tolerated, [other], trials, how.kinds, terms)
         if step.added:

@@ -39,7 +39,7 @@ from slowtime.discrepancy.refinement.constant_release import release_constants
 from slowtime.discrepancy.refinement.convergence import converge
 from slowtime.discrepancy.refinement.force_relearning import relearn_force
 from slowtime.discrepancy.selection.acceptance import (
-    Terms,
+    Criteria,
     accept,
     end_with,
     is_second_curve,
@@ -181,7 +181,7 @@ def accept_best(
 ) -> SearchStep:
     """Accept the best candidate, then refine how records begin and where effects sit."""
     monitor, kinds = how.monitor, how.kinds
-    terms = Terms(
+    terms = Criteria(
         stated=how.stated, pulled=pulled, asked=how.asked,
         same_place=any(_sits_on(one.effect, hypothesis) for one in fitted[:1]),
         over=(lambda: monitor.is_over) if hypothesis.effects else bool,
@@ -376,7 +376,7 @@ def _name_sensor_error(
         drift = drifting(before, hypothesis.trials, sensor, how.kinds)
         return SearchStep(hypothesis, added=0, drift=drift, base=before)
     hypothesis = dataclasses.replace(hypothesis, fitted=(named,))
-    terms = Terms(stated=how.stated, pulled=False, certain=True)
+    terms = Criteria(stated=how.stated, pulled=False, certain=True)
     return accept(hypothesis, before, [named], hypothesis.trials, how.kinds, terms)
 
 

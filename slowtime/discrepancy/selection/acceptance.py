@@ -49,7 +49,7 @@ more than noise. Source: docs/what_decides.md: half and double change no answer.
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Terms:
+class Criteria:
     """Under which terms a candidate is accepted as an effect.
 
     Parameters
@@ -83,7 +83,7 @@ def accept(
     fitted: Sequence[FittedCandidate],
     trials: tuple[Trial, ...],
     kinds: Mapping[str, Kind],
-    terms: Terms,
+    terms: Criteria,
 ) -> SearchStep:
     """Add the best of the fitted candidates as an effect, if it is worth its parameters.
 
@@ -147,7 +147,7 @@ def _by_another_hold(
     bare: Fit,
     trials: tuple[Trial, ...],
     kinds: Mapping[str, Kind],
-    terms: Terms,
+    terms: Criteria,
     *,
     short: bool,
 ) -> SearchStep | None:
@@ -173,7 +173,7 @@ def _by_another_hold(
     return None
 
 
-def _least_lead(best: FittedCandidate, kinds: Mapping[str, Kind], terms: Terms) -> float:
+def _least_lead(best: FittedCandidate, kinds: Mapping[str, Kind], terms: Criteria) -> float:
     """Log evidence that the best candidate has to bring.
 
     Where a constant has left its tolerance, something is missing; the question is what.
@@ -187,7 +187,7 @@ def _worth_it(
     fitted: Sequence[FittedCandidate],
     bare: Fit,
     kinds: Mapping[str, Kind],
-    terms: Terms,
+    terms: Criteria,
 ) -> tuple[list[FittedCandidate], list[float], bool] | None:
     """Rank candidates by probability; None where the best is not worth being told.
 

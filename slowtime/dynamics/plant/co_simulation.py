@@ -33,7 +33,7 @@ NEAR_S = 0.01
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Instant:
+class CommunicationPoint:
     """A plant at a communication point.
 
     Parameters
@@ -143,7 +143,7 @@ def _is_memoryless(action: InputChange | SensorChange, own: Float[np.ndarray, " 
     return True
 
 
-def starting_instant(plant: Plant, state: State | None, time_s: float) -> Instant:
+def starting_instant(plant: Plant, state: State | None, time_s: float) -> CommunicationPoint:
     """Return the first communication point.
 
     Parameters
@@ -160,11 +160,11 @@ def starting_instant(plant: Plant, state: State | None, time_s: float) -> Instan
     The instant, with a base that rests.
     """
     found = np.zeros(len(plant.state_names)) if state is None else np.array(state, dtype=float)
-    return Instant(found, np.zeros(2), time_s, _speed(plant, found))
+    return CommunicationPoint(found, np.zeros(2), time_s, _speed(plant, found))
 
 
 def outputs_at(
-    plant: Plant, values: Values, now: Instant, inputs: Float[np.ndarray, " input"]
+    plant: Plant, values: Values, now: CommunicationPoint, inputs: Float[np.ndarray, " input"]
 ) -> Outputs:
     """Compute what the sensors measure at an instant.
 
@@ -195,10 +195,10 @@ def outputs_at(
 def advanced(
     plant: Plant,
     values: Values,
-    now: Instant,
+    now: CommunicationPoint,
     inputs: Float[np.ndarray, " input"],
     step_s: float,
-) -> Instant:
+) -> CommunicationPoint:
     """Advance a plant by one step, over which its inputs keep their values.
 
     Parameters
@@ -246,7 +246,7 @@ def advanced(
     state = run.states[-1].copy()
     largest = max(now.largest_speed, _speed(plant, state))
     _set_sticking(plant, state, STILL * largest)
-    return Instant(state, base, now.time_s + step_s, largest)
+    return CommunicationPoint(state, base, now.time_s + step_s, largest)
 
 
 def _speed(plant: Plant, state: State) -> float:

@@ -43,7 +43,7 @@ class Gauge:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Matrices:
+class MatrixParts:
     """What the matrices of a plant are made of.
 
     Parameters
@@ -78,7 +78,7 @@ class Matrices:
     @classmethod
     def of(
         cls, description: Description, effects: tuple[Effect, ...], kinds: Mapping[str, Kind]
-    ) -> "Matrices":
+    ) -> "MatrixParts":
         """Take a description apart."""
         actions = [kinds[effect.kind].action for effect in effects]
         riders = [
@@ -214,7 +214,7 @@ class Matrices:
 
 
 def rows_of(description: Description, base: int) -> dict[str, int | None]:
-    """Row of each coordinate in the whole: see `Matrices`.
+    """Row of each coordinate in the whole: see `MatrixParts`.
 
     Parameters
     ----------

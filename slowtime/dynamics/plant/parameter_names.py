@@ -21,7 +21,7 @@ Name = tuple[str, str] | tuple[str, int, str]
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Entry:
+class ParameterEntry:
     """One number: value, unit, standard deviation of what is claimed, bounds, to be fitted."""
 
     value: float
@@ -34,13 +34,13 @@ class Entry:
 
 def names_of(
     description: Description, effects: tuple[Effect, ...], kinds: Mapping[str, Kind]
-) -> dict[Name, Entry]:
+) -> dict[Name, ParameterEntry]:
     """Every number of a description, in order: stiffness, damping, mass, effects.
 
     Where a description has no tolerance, nothing is claimed and the standard deviation is
     infinite; so it is of the parameters of effects, but for those with a spread of their own.
     """
-    found: dict[Name, Entry] = {}
+    found: dict[Name, ParameterEntry] = {}
     angle = description.unit_of_coordinate == "rad"
     units = {
         "stiffness": "N m/rad" if angle else "N/m",
@@ -54,7 +54,7 @@ def names_of(
             share = getattr(description.tolerance, what)
         sd = math.inf if math.isinf(share) else share * abs(value)
         low = -math.inf if what == "damping" else 0.0
-        found[what, name] = Entry(value, unit or units[what], sd, low, math.inf, True)
+        found[what, name] = ParameterEntry(value, unit or units[what], sd, low, math.inf, True)
 
     springs = [element for element in description.elements if isinstance(element, Spring)]
     beams = [element for element in description.elements if isinstance(element, Beam)]
@@ -97,7 +97,7 @@ def names_of(
             low = max(low, lowest(description, effect.place, kind))
             if parameter.nonzero and value and math.isinf(low) and math.isinf(high):
                 low, high = sorted((value / FARTHEST, value * FARTHEST))
-            found["effect", i, parameter.name] = Entry(
+            found["effect", i, parameter.name] = ParameterEntry(
                 value,
                 unit_of_parameter(parameter.unit, description.unit_of_coordinate),
                 known.get(parameter.spread, math.inf),

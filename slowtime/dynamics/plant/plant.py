@@ -10,9 +10,9 @@ from jaxtyping import Float
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Effect, Kind, Law, Motion, Place, catalogue, read_effects
 
-from .matrices import Matrices
-from .parameter_names import Entry, Name, names_of
-from .simulation_run import Run, motions, run
+from .matrices import MatrixParts
+from .parameter_names import Name, ParameterEntry, names_of
+from .simulation_run import PlantRun, motions, run
 from .system import Layout, layout_of
 
 Values = Float[np.ndarray, " parameter"]
@@ -32,8 +32,8 @@ class Plant:
     description: Description
     effects: tuple[Effect, ...]
     kinds: Mapping[str, Kind]
-    entries: Mapping[Name, Entry]
-    matrices: Matrices
+    entries: Mapping[Name, ParameterEntry]
+    matrices: MatrixParts
     layout: Layout
     hold: str = "band_limited"
 
@@ -63,7 +63,7 @@ class Plant:
         """
         known = catalogue() if kinds is None else kinds
         effects = read_effects(description, known)
-        matrices = Matrices.of(description, effects, known)
+        matrices = MatrixParts.of(description, effects, known)
         own = [known[effect.kind] for effect in effects]
         return cls(
             description=description,
@@ -234,7 +234,7 @@ class Plant:
         state0: State | None = None,
         start_s: float = 0.0,
         base: Float[np.ndarray, " time"] | None = None,
-    ) -> Run:
+    ) -> PlantRun:
         """Simulate, and return all results of the run.
 
         Parameters

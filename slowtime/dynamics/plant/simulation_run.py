@@ -21,7 +21,7 @@ from .boundary import (
 )
 from .imposed import Driven, differentiations, driven_by
 from .kernel import System, Workspace, has_events, memory_table, padded_count, simulate
-from .matrices import Matrices
+from .matrices import MatrixParts
 from .parameter_names import Name
 from .sensing import (
     SensorReadout,
@@ -40,7 +40,7 @@ largest so far; what that does to the motion is some hundred times less."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Run:
+class PlantRun:
     """What a run was.
 
     Parameters
@@ -80,7 +80,7 @@ def run(
     description: Description,
     effects: Sequence[Effect],
     kinds: Sequence[Kind],
-    matrices: Matrices,
+    matrices: MatrixParts,
     layout: Layout,
     values: Mapping[Name, float],
     inputs: Float[np.ndarray, "time input"],
@@ -91,7 +91,7 @@ def run(
     start_s: float,
     base: Float[np.ndarray, " time"] | None,
     hold: str,
-) -> Run:
+) -> PlantRun:
     """Simulate a plant; see `Plant.run`.
 
     Parameters
@@ -225,7 +225,7 @@ def run(
     outputs *= factors
     slopes_by_time = output_slopes.transpose(1, 0, 2)
     at = {name: j for j, name in enumerate(parameters)}
-    found = Run(
+    found = PlantRun(
         outputs=outputs,
         slopes=slopes_by_time if free is not None else None,
         states=states[:, : layout.free],
@@ -251,7 +251,9 @@ def run(
     return found
 
 
-def motions(description: Description, names: Sequence[str], found: Run) -> dict[Place, Motion]:
+def motions(
+    description: Description, names: Sequence[str], found: PlantRun
+) -> dict[Place, Motion]:
     """Motion of every spring element, and of every node that moves: see `Plant.states`."""
     free = len(names)
     rows = found.states[:, :free], found.states[:, free : 2 * free], found.rates

@@ -14,7 +14,7 @@ from jaxtyping import Int
 from slowtime.dynamics.effects import Kind, Law
 
 from .kernel import System
-from .matrices import Matrices, Triple
+from .matrices import MatrixParts, Triple
 from .parameter_names import Name
 from .system import (
     Layout,
@@ -52,7 +52,7 @@ class Settings:
     """
 
     layout: Layout
-    matrices: Matrices
+    matrices: MatrixParts
     kinds: tuple[Kind, ...] = dataclasses.field(compare=False)
     values: tuple[tuple[Name, float], ...]
     linear: tuple[Name, ...]
@@ -68,7 +68,7 @@ class Settings:
         return (*self.linear, *self.laws, *(name for name, _ in self.driven))
 
 
-def is_linear(name: Name, matrices: Matrices) -> bool:
+def is_linear(name: Name, matrices: MatrixParts) -> bool:
     """Return whether a parameter is one of the matrices."""
     return name[0] in ("stiffness", "damping", "mass") or (
         name[0] == "effect" and name[1] in matrices.hidden

@@ -9,7 +9,7 @@ from .residual_process import ResidualProcess
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Belief:
+class CovariateBelief:
     """Coefficients and, last, the wandering part, as believed at a slow time."""
 
     time: float
@@ -18,7 +18,7 @@ class Belief:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Innovation:
+class CovariateInnovation:
     """A reading against what was expected of it.
 
     Parameters
@@ -40,7 +40,7 @@ class Innovation:
     gain: Float[np.ndarray, " state"]
 
 
-def initial_belief(count: int, wander: ResidualProcess, time: float) -> Belief:
+def initial_belief(count: int, wander: ResidualProcess, time: float) -> CovariateBelief:
     """Belief before any reading.
 
     Parameters
@@ -57,10 +57,10 @@ def initial_belief(count: int, wander: ResidualProcess, time: float) -> Belief:
     Prior mean and covariance.
     """
     variances = np.append(np.ones(count), wander.sd**2)
-    return Belief(time, np.zeros(count + 1), np.diag(variances))
+    return CovariateBelief(time, np.zeros(count + 1), np.diag(variances))
 
 
-def predict(belief: Belief, wander: ResidualProcess, time: float) -> Belief:
+def predict(belief: CovariateBelief, wander: ResidualProcess, time: float) -> CovariateBelief:
     """Predict the belief at a later time.
 
     Parameters
@@ -81,16 +81,16 @@ def predict(belief: Belief, wander: ResidualProcess, time: float) -> Belief:
     fade[-1] = kept
     covariance = belief.covariance * np.outer(fade, fade)
     covariance[-1, -1] += wander.sd**2 * (1.0 - kept**2)
-    return Belief(time, belief.mean * fade, covariance)
+    return CovariateBelief(time, belief.mean * fade, covariance)
 
 
 def innovation(
-    belief: Belief,
+    belief: CovariateBelief,
     wander: ResidualProcess,
     value: float,
     sd: float,
     features: Float[np.ndarray, " coefficient"],
-) -> Innovation:
+) -> CovariateInnovation:
     """Innovation of a reading, with its variance and gain.
 
     Parameters
@@ -114,10 +114,10 @@ def innovation(
     shared = belief.covariance @ seen
     variance = float(seen @ shared) + sd**2 + wander.noise**2
     expected = float(seen @ belief.mean)
-    return Innovation(expected, variance, value - expected, seen, shared / variance)
+    return CovariateInnovation(expected, variance, value - expected, seen, shared / variance)
 
 
-def update(belief: Belief, reading: Innovation) -> Belief:
+def update(belief: CovariateBelief, reading: CovariateInnovation) -> CovariateBelief:
     """Update the belief by an innovation.
 
     Parameters
@@ -132,4 +132,6 @@ def update(belief: Belief, reading: Innovation) -> Belief:
     Updated belief.
     """
     covariance = belief.covariance - reading.variance * np.outer(reading.gain, reading.gain)
-    return Belief(belief.time, belief.mean + reading.gain * reading.residual, covariance)
+    return CovariateBelief(
+        belief.time, belief.mean + reading.gain * reading.residual, covariance
+    )

@@ -9,7 +9,7 @@ from . import change_onset
 from . import filter as recursion
 from .change_onset import Entered, Onsets
 from .change_size import ChangeEstimate, estimate_change
-from .filter import Belief, Innovation
+from .filter import CovariateBelief, CovariateInnovation
 from .normal_model import NormalModel
 
 DOUBTFUL = 5.0
@@ -20,7 +20,7 @@ AGREEING = 3
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Held:
+class HeldReading:
     """A reading that may be an outlier."""
 
     time: float
@@ -34,9 +34,9 @@ class Held:
 class WatchState:
     """What the watch remembers between readings."""
 
-    belief: Belief
+    belief: CovariateBelief
     onsets: Onsets
-    held: tuple[Held, ...] = ()
+    held: tuple[HeldReading, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -156,7 +156,7 @@ class Watch:
             return state, self._judgement(state, None, unfit)
         value = float(np.log(frequency)) - self.normal.centre
         features = self.normal.basis.features(covariates[None, :])[0]
-        now = Held(slow_time, value, frequency_sd / frequency, features, 0.0)
+        now = HeldReading(slow_time, value, frequency_sd / frequency, features, 0.0)
         _, onsets, reading = self._met(state, now)
         now = dataclasses.replace(now, side=float(np.sign(reading.residual)))
         if not self._doubtful(onsets, reading):
@@ -171,14 +171,16 @@ class Watch:
             after = self._updated_state(after, one)
         return after, self._judgement(after, reading, None)
 
-    def _met(self, state: WatchState, now: Held) -> tuple[Belief, Onsets, Innovation]:
+    def _met(
+        self, state: WatchState, now: HeldReading
+    ) -> tuple[CovariateBelief, Onsets, CovariateInnovation]:
         """Carry belief and bets on to a reading, and compare it with what is expected."""
         wander = self.normal.wander
         belief = recursion.predict(state.belief, wander, now.time)
         reading = recursion.innovation(belief, wander, now.value, now.sd, now.features)
         return belief, self._faded(state.onsets, now.time - state.belief.time), reading
 
-    def _updated_state(self, state: WatchState, now: Held) -> WatchState:
+    def _updated_state(self, state: WatchState, now: HeldReading) -> WatchState:
         """Take a reading into belief and bets."""
         belief, onsets, reading = self._met(state, now)
         onsets = change_onset.update_onsets(
@@ -195,7 +197,7 @@ class Watch:
         belief = recursion.update(belief, reading)
         return WatchState(belief, change_onset.merge_onsets(onsets, self.most), state.held)
 
-    def _doubtful(self, onsets: Onsets, reading: Innovation) -> bool:
+    def _doubtful(self, onsets: Onsets, reading: CovariateInnovation) -> bool:
         """Whether a reading is far from what is normal, and from the change believed in."""
         changed = 0.0
         if len(onsets.time):
@@ -206,7 +208,7 @@ class Watch:
         return bool(off > DOUBTFUL * np.sqrt(reading.variance))
 
     def _judgement(
-        self, state: WatchState, reading: Innovation | None, left_out: str | None
+        self, state: WatchState, reading: CovariateInnovation | None, left_out: str | None
     ) -> Judgement:
         evidence = float(np.exp(min(state.onsets.log_total, 700.0)))
         alarm = evidence >= self.time_between_false_alarms

@@ -11,7 +11,7 @@ from slowtime.evolution.change import PerReading, Series
 
 from . import filter as recursion
 from .basis import Basis, Law
-from .filter import Belief
+from .filter import CovariateBelief
 from .residual_process import ResidualProcess, log_evidence
 
 _FEWEST = 30
@@ -58,7 +58,7 @@ class NormalModel:
     basis: Basis
     wander: ResidualProcess
     centre: float
-    belief: Belief
+    belief: CovariateBelief
     candidates: tuple[CandidateLaw, ...]
     rejected: int
 

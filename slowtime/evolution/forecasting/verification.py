@@ -67,7 +67,7 @@ class Widening:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class ReliabilityClass:
+class StatementClass:
     """Statements whose probabilities lie between two limits.
 
     Parameters
@@ -264,7 +264,7 @@ def reliability(
     came_true: Bool[np.ndarray, " statement"],
     begin: Float[np.ndarray, " statement"],
     end: Float[np.ndarray, " statement"],
-) -> list[ReliabilityClass]:
+) -> list[StatementClass]:
     """Compare stated probabilities with how often such statements came true.
 
     Parameters
@@ -296,7 +296,7 @@ def reliability(
         lo, hi = binomial_interval(hits / count, effective)
         mean = float(stated[mine].mean())
         found.append(
-            ReliabilityClass(EDGES[k], EDGES[k + 1], mean, count, hits, effective, lo, hi)
+            StatementClass(EDGES[k], EDGES[k + 1], mean, count, hits, effective, lo, hi)
         )
     return found
 

@@ -24,7 +24,7 @@ Epochs = Float[np.ndarray, " epoch"]
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Band:
+class ConstantBand:
     """A constant over slow time, in its unit: median, and ends of its interval."""
 
     value: Series
@@ -33,7 +33,7 @@ class Band:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Response:
+class AgedResponse:
     """What the structure would do: mean, and ends of the interval, by sample and node.
 
     Parameters
@@ -68,7 +68,7 @@ class Ageing:
     constants: Constants
     outlooks: Mapping[Name, Outlook]
 
-    def past(self, name: Name, level: float = 0.95) -> Band:
+    def past(self, name: Name, level: float = 0.95) -> ConstantBand:
         """Estimate of one constant at the epochs, given all of them.
 
         Parameters
@@ -88,7 +88,7 @@ class Ageing:
 
     def future(
         self, name: Name, slow_time: Float[np.ndarray, " later"], level: float = 0.95
-    ) -> Band:
+    ) -> ConstantBand:
         """Forecast of one constant.
 
         Parameters
@@ -145,7 +145,7 @@ class Ageing:
         *,
         paths: int = 400,
         level: float = 0.95,
-    ) -> Response:
+    ) -> AgedResponse:
         """Simulate the response from rest at a future slow time.
 
         Parameters
@@ -175,7 +175,7 @@ class Ageing:
         moved = simulate(self.springs, forces, rate_hz, white, rng, values=drawn, start=start)
         own = moved[:, :, : len(self.springs.nodes)]
         lo, hi = np.quantile(own, [0.5 - 0.5 * level, 0.5 + 0.5 * level], axis=1)
-        return Response(own.mean(axis=1), lo, hi)
+        return AgedResponse(own.mean(axis=1), lo, hi)
 
     def _readings(self, name: Name) -> tuple[Epochs, Epochs]:
         place = self.constants.names.index(name)
@@ -188,10 +188,10 @@ class Ageing:
             self.outlooks[name], self.slow_time, log, sd, slow_time, level=level
         )
 
-    def _band(self, name: Name, log: np.ndarray, half: np.ndarray) -> Band:
+    def _band(self, name: Name, log: np.ndarray, half: np.ndarray) -> ConstantBand:
         nominal = float(self.constants.nominal[self.constants.names.index(name)])
         ends = nominal * np.exp(log - half), nominal * np.exp(log + half)
-        return Band(nominal * np.exp(log), np.minimum(*ends), np.maximum(*ends))
+        return ConstantBand(nominal * np.exp(log), np.minimum(*ends), np.maximum(*ends))
 
 
 def learn_ageing(

@@ -36,7 +36,7 @@ determined."""
 
 
 @runtime_checkable
-class Surrogate(Protocol):
+class FrequencySurrogate(Protocol):
     """What foretells a frequency: mean and standard deviation at changes of the structure."""
 
     def predict(self, X: np.ndarray, return_std: bool = False) -> Any:
@@ -66,7 +66,7 @@ class Changes:
 
 
 def changes_from_frequencies(
-    surrogates: Sequence[Surrogate],
+    surrogates: Sequence[FrequencySurrogate],
     frequency_hz: Float[np.ndarray, "time mode"],
     frequency_sd_hz: Float[np.ndarray, "time mode"],
     *,
@@ -146,7 +146,7 @@ class _Turned:
 
 
 def _foretold(
-    surrogates: Sequence[Surrogate], prior: Sequence[Any], normal: np.ndarray
+    surrogates: Sequence[FrequencySurrogate], prior: Sequence[Any], normal: np.ndarray
 ) -> _Foretold:
     probability = np.clip(ndtr(normal), 1e-12, 1.0 - 1e-12)
     changes = np.stack([law.ppf(probability[:, k]) for k, law in enumerate(prior)], axis=1)
@@ -157,7 +157,7 @@ def _foretold(
 
 
 def _invert_one(
-    surrogates: Sequence[Surrogate],
+    surrogates: Sequence[FrequencySurrogate],
     prior: Sequence[Any],
     even: np.ndarray,
     first: _Foretold,

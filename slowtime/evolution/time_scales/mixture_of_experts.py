@@ -47,7 +47,7 @@ class Expert:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Mixture:
+class ExpertMixture:
     """A mixture fitted to a series.
 
     Parameters
@@ -82,7 +82,7 @@ def fit(
     starts: int = 6,
     rounds: int = 12,
     seed: int = 0,
-) -> Mixture:
+) -> ExpertMixture:
     """Fit a mixture of two experts from several starts, and keep the best.
 
     Parameters
@@ -147,9 +147,9 @@ def _climb(
     sd: Series,
     experts: tuple[Expert, ...],
     rounds: int,
-) -> Mixture:
+) -> ExpertMixture:
     responsibility = _gates(experts, slow_time)
-    best: Mixture | None = None
+    best: ExpertMixture | None = None
     for done in range(1, rounds + 1):
         noises = [sd / np.sqrt(np.maximum(own, _LEAST)) for own in responsibility]
         experts = tuple(
@@ -214,7 +214,7 @@ def _mixed(
     log_responsibility: np.ndarray,
     log_predictive: float,
     rounds: int,
-) -> Mixture:
+) -> ExpertMixture:
     told = [
         filtering.smooth(one.process, slow_time, value, noise)
         for one, noise in zip(experts, noises, strict=True)
@@ -223,4 +223,4 @@ def _mixed(
     means, sds = np.array([one.mean for one in told]), np.array([one.sd for one in told])
     mean = np.sum(share * means, axis=0)
     sd = np.sqrt(np.sum(share * (sds**2 + (means - mean) ** 2), axis=0))
-    return Mixture(experts, slow_time, mean, sd, share, log_predictive, rounds)
+    return ExpertMixture(experts, slow_time, mean, sd, share, log_predictive, rounds)

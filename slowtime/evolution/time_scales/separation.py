@@ -85,7 +85,7 @@ class SeparationChoice:
     best: Literal["additive", "mixture"]
     log_odds: float
     additive: SeparatedScales
-    mixture: mixture_of_experts.Mixture
+    mixture: mixture_of_experts.ExpertMixture
 
 
 def additive(slow_time: Series, value: Series, sd: Series) -> SeparatedScales:

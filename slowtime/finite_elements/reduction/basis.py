@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from slowtime.finite_elements.parametric_matrices import ParametricMatrices
 
-from .candidates import BasisSettings, Candidates, candidates_of
+from .candidates import BasisSettings, ReductionCandidates, candidates_of
 from .reduced_model import orthonormal_mixture
 
 
@@ -46,7 +46,7 @@ def parametric_basis(
 
 
 def _selected(
-    space: Candidates, fixed: np.ndarray, settings: BasisSettings
+    space: ReductionCandidates, fixed: np.ndarray, settings: BasisSettings
 ) -> Float[np.ndarray, "own direction"]:
     """Fewest directions beside the fixed ones that hold the modes of the training set."""
     random = np.random.default_rng(settings.seed)

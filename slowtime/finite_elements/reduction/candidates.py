@@ -73,7 +73,7 @@ class BasisSettings:
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Candidates:
+class ReductionCandidates:
     """Candidates, orthonormal in A, and the model projected on them.
 
     Parameters
@@ -108,7 +108,7 @@ def candidates_of(
     model: ParametricMatrices,
     settings: BasisSettings,
     exact: Float[np.ndarray, "own exact"] | None = None,
-) -> Candidates:
+) -> ReductionCandidates:
     """Find the candidates of a model.
 
     Parameters
@@ -130,7 +130,7 @@ def candidates_of(
     responses = _responses(model, nominal, factor, weight, settings)
     vectors = np.concatenate([nominal.shapes, extra, responses], axis=1)
     vectors = vectors @ orthonormal_mixture(vectors.T @ (weight @ vectors))
-    return Candidates(
+    return ReductionCandidates(
         nominal=nominal,
         weight=weight,
         shift=shift,

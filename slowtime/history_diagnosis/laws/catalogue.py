@@ -62,7 +62,7 @@ class ShapeAxis:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class CandidateLaw:
+class HistoryLaw:
     """A law, for one covariate or for time alone.
 
     Parameters
@@ -129,7 +129,7 @@ class CandidateLaw:
         return None if self.covariate is None else covariates[self.covariate]
 
 
-def candidate_laws(past: ScaledHistory, time_unit: str) -> tuple[CandidateLaw, ...]:
+def candidate_laws(past: ScaledHistory, time_unit: str) -> tuple[HistoryLaw, ...]:
     """List all laws that can be tried on a history.
 
     Parameters
@@ -147,11 +147,11 @@ def candidate_laws(past: ScaledHistory, time_unit: str) -> tuple[CandidateLaw, .
     return tuple(found)
 
 
-def _time_laws(past: ScaledHistory, time_unit: str) -> tuple[CandidateLaw, ...]:
+def _time_laws(past: ScaledHistory, time_unit: str) -> tuple[HistoryLaw, ...]:
     def law(
         name: str, variant: str, axes: tuple[ShapeAxis, ...], drawn: RegressorFunction
-    ) -> CandidateLaw:
-        return CandidateLaw(name, name.split("_")[0], variant, None, axes, drawn)
+    ) -> HistoryLaw:
+        return HistoryLaw(name, name.split("_")[0], variant, None, axes, drawn)
 
     onset = ShapeAxis("onset", 0.05, 0.9, np.linspace(0.1, 0.85, 12), past.gap)
     rates = np.concatenate([-np.geomspace(0.7, 14.0, 6)[::-1], np.geomspace(0.7, 14.0, 6)])
@@ -184,7 +184,7 @@ def _instant_axis(past: ScaledHistory) -> ShapeAxis:
     return ShapeAxis("time", _MARGIN, 1.0 - _MARGIN, inner[::every], 0.5 * past.gap)
 
 
-def _noise_law(past: ScaledHistory) -> CandidateLaw:
+def _noise_law(past: ScaledHistory) -> HistoryLaw:
     """Law of a scatter that changes while the stated standard deviation does not."""
     instants = _instant_axis(past)
     low, high = _NOISE_MARGIN, 1.0 - _NOISE_MARGIN
@@ -201,15 +201,13 @@ def _noise_law(past: ScaledHistory) -> CandidateLaw:
     def none(time: Series, covariate: FilledCovariate | None, shape: Shape) -> np.ndarray:
         return np.empty((len(time), 0))
 
-    return CandidateLaw(
-        "sensor_noise", "sensor", "", None, (time, ratio), none, 0, noise_factor
-    )
+    return HistoryLaw("sensor_noise", "sensor", "", None, (time, ratio), none, 0, noise_factor)
 
 
-def _sawtooth_law(past: ScaledHistory) -> CandidateLaw:
+def _sawtooth_law(past: ScaledHistory) -> HistoryLaw:
     most = min(_MOST_TEETH, len(past.time) / 8.0)
     cycles = np.arange(1.2, max(most, 1.3), 0.2)
-    return CandidateLaw(
+    return HistoryLaw(
         "sawtooth", "sawtooth", "", None,
         (
             ShapeAxis("cycles", 1.2, max(most, 1.4), cycles),
@@ -222,7 +220,7 @@ def _sawtooth_law(past: ScaledHistory) -> CandidateLaw:
     )  # fmt: skip
 
 
-def _periodic_laws(past: ScaledHistory, time_unit: str) -> list[CandidateLaw]:
+def _periodic_laws(past: ScaledHistory, time_unit: str) -> list[HistoryLaw]:
     """Return a law of free period, and one for each calendar period that fits the history."""
     most = min(0.5 / past.gap, 0.5 * len(past.time))
     cycles = np.arange(_LEAST_CYCLES, max(most, _LEAST_CYCLES + 0.5), 0.35)
@@ -236,7 +234,7 @@ def _periodic_laws(past: ScaledHistory, time_unit: str) -> list[CandidateLaw]:
             at = np.log(turns)
             axes.append(ShapeAxis("log cycles", at - 1e-4, at + 1e-4, np.array([at])))
     return [
-        CandidateLaw(
+        HistoryLaw(
             "periodic", "periodic", "calendar" if i else "", None, (axis,),
             lambda t, c, p: regressors.harmonic(t, float(np.exp(p[0]))), 2,
         )
@@ -246,7 +244,7 @@ def _periodic_laws(past: ScaledHistory, time_unit: str) -> list[CandidateLaw]:
 
 def _covariate_laws(
     past: ScaledHistory, index: int, covariate: FilledCovariate
-) -> list[CandidateLaw]:
+) -> list[HistoryLaw]:
     role = covariate.role if covariate.role != "other" else "covariate"
     low, high = np.quantile(covariate.values, [0.05, 0.95])
     kink = ShapeAxis("kink", low, high, np.linspace(low, high, 13))
@@ -254,7 +252,7 @@ def _covariate_laws(
     lag = ShapeAxis("log lag", np.log(0.5 * past.gap), np.log(0.3), lags)
     freezing = -covariate.centre / covariate.scale
     line, bend = regressors.linear, regressors.bilinear
-    laws: list[CandidateLaw] = []
+    laws: list[HistoryLaw] = []
 
     def add(
         name: str, variant: str, axes: tuple[ShapeAxis, ...], drawn: RegressorFunction
@@ -262,7 +260,7 @@ def _covariate_laws(
         width = {"linear": 1, "bilinear": 2, "curved": 6}[name]
         allowed = _readings_on_both_sides(drawn) if name == "bilinear" else None
         laws.append(
-            CandidateLaw(
+            HistoryLaw(
                 f"{role}_{name}", role, variant, index, axes, drawn, width, allowed=allowed
             )
         )
@@ -296,7 +294,7 @@ def _readings_on_both_sides(
     return typed
 
 
-def _vibration_laws(index: int, covariate: FilledCovariate) -> list[CandidateLaw]:
+def _vibration_laws(index: int, covariate: FilledCovariate) -> list[HistoryLaw]:
     # In units of the mean level, so that powers of it stay of order one.
     unit = covariate.centre or covariate.scale
 
@@ -304,10 +302,8 @@ def _vibration_laws(index: int, covariate: FilledCovariate) -> list[CandidateLaw
     def level(c: FilledCovariate | None) -> Series:
         return (c.centre + c.scale * c.values) / unit
 
-    def law(
-        variant: str, axes: tuple[ShapeAxis, ...], drawn: RegressorFunction
-    ) -> CandidateLaw:
-        return CandidateLaw("amplitude_dependence", "amplitude", variant, index, axes, drawn)
+    def law(variant: str, axes: tuple[ShapeAxis, ...], drawn: RegressorFunction) -> HistoryLaw:
+        return HistoryLaw("amplitude_dependence", "amplitude", variant, index, axes, drawn)
 
     exponents = np.log([0.35, 0.5, 1.5, 3.0])
     free = ShapeAxis("exponent", np.log(0.3), np.log(4.0), exponents)
@@ -316,15 +312,15 @@ def _vibration_laws(index: int, covariate: FilledCovariate) -> list[CandidateLaw
         law("quadratic", (), lambda t, c, p: power(level(c), 2.0)),
         law("linear", (), lambda t, c, p: power(level(c), 1.0)),
         law("power", (free,), lambda t, c, p: power(level(c), float(np.exp(p[0])))),
-        CandidateLaw(
+        HistoryLaw(
             "amplitude_curved", "amplitude", "", index, (),
             lambda t, c, p: regressors.free_curve(_of(c)), 6,
         ),
     ]  # fmt: skip
 
 
-def _crack_law(past: ScaledHistory, index: int) -> CandidateLaw:
-    return CandidateLaw(
+def _crack_law(past: ScaledHistory, index: int) -> HistoryLaw:
+    return HistoryLaw(
         "breathing_crack", "crack", "", index, (_instant_axis(past),),
         lambda t, c, p: regressors.breathing_crack(t, _of(c), p[0]), 2,
     )  # fmt: skip

@@ -10,7 +10,7 @@ from slowtime.history_diagnosis.likelihood import evidence
 from slowtime.history_diagnosis.likelihood.evidence import CoefficientPosterior
 from slowtime.history_diagnosis.likelihood.whitening import FilterResult, MaternProcess, whiten
 
-from .catalogue import CandidateLaw, Shape
+from .catalogue import HistoryLaw, Shape
 
 _CONSTANT_SD = 10.0
 """[scatters of the readings] Prior standard deviation of the constant: wide, as the values have
@@ -24,7 +24,7 @@ docs/what_decides.md: half and double change no answer."""
 class Term:
     """A candidate law with values of its shape parameters."""
 
-    law: CandidateLaw
+    law: HistoryLaw
     shape: Shape
 
     def columns(self, time: Series, covariates: tuple[FilledCovariate, ...]) -> np.ndarray:

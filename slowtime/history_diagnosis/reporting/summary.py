@@ -11,7 +11,7 @@ from slowtime.dynamics.effects import Effect, Place
 from slowtime.history_diagnosis.data.history import ScaledHistory
 from slowtime.history_diagnosis.data.mode_swaps import ModeSwap
 from slowtime.history_diagnosis.forecasting.mixture import MixtureModel
-from slowtime.history_diagnosis.laws.catalogue import CandidateLaw
+from slowtime.history_diagnosis.laws.catalogue import HistoryLaw
 from slowtime.history_diagnosis.laws.terms import solve
 from slowtime.history_diagnosis.selection.forward_selection import (
     ModelComparison,
@@ -139,7 +139,7 @@ def _effect(
     )
 
 
-def _place(law: CandidateLaw | RankedLaw, past: ScaledHistory) -> Place:
+def _place(law: HistoryLaw | RankedLaw, past: ScaledHistory) -> Place:
     if law.covariate is not None:
         return Place("covariate", past.covariates[law.covariate].name)
     return Place("sensor" if law.name == "sensor_noise" else "time", "")

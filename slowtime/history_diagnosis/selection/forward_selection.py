@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from jaxtyping import Bool, Float
 
-from slowtime.history_diagnosis.laws.catalogue import CandidateLaw
+from slowtime.history_diagnosis.laws.catalogue import HistoryLaw
 from slowtime.history_diagnosis.laws.laplace import (
     LaplaceFit,
     add_variants,
@@ -77,7 +77,7 @@ class ComparedFit:
     """
 
     fit: LaplaceFit
-    law: CandidateLaw | None
+    law: HistoryLaw | None
     probability: float
 
 
@@ -151,7 +151,7 @@ class SelectionResult:
 
 def select_terms(
     readings: ScreenedHistory,
-    laws: tuple[CandidateLaw, ...],
+    laws: tuple[HistoryLaw, ...],
     most: int,
     progress: Callable[[str, float], None],
 ) -> SelectionResult:
@@ -184,12 +184,12 @@ def select_terms(
 
 
 def compare_laws(
-    readings: ScreenedHistory, laws: tuple[CandidateLaw, ...], before: tuple[Term, ...]
+    readings: ScreenedHistory, laws: tuple[HistoryLaw, ...], before: tuple[Term, ...]
 ) -> ModelComparison:
     """Compare every law as the next term, and no further term with them."""
     scanned = add_irregular_sawtooth(readings, before, scan_grid(readings, laws, before))
     nothing = fit_variants(readings, before, scanned.process)
-    fits: list[tuple[CandidateLaw | None, LaplaceFit]] = [(None, nothing)]
+    fits: list[tuple[HistoryLaw | None, LaplaceFit]] = [(None, nothing)]
     for result, first in _refine_best(readings, before, scanned):
         fits.append((result.law, _fit_other_variants(readings, before, first)))
     weights = np.array([_log_prior(law, laws) + fit.log_evidence for law, fit in fits])
@@ -200,7 +200,7 @@ def compare_laws(
 
 
 def _compare_robustly(
-    readings: ScreenedHistory, laws: tuple[CandidateLaw, ...], before: tuple[Term, ...]
+    readings: ScreenedHistory, laws: tuple[HistoryLaw, ...], before: tuple[Term, ...]
 ) -> tuple[ScreenedHistory, ModelComparison]:
     """Compare laws until the winner does not depend on a few influential readings.
 
@@ -258,7 +258,7 @@ def rescreen(
 
 def _reconsider(
     readings: ScreenedHistory,
-    laws: tuple[CandidateLaw, ...],
+    laws: tuple[HistoryLaw, ...],
     terms: tuple[Term, ...],
     comparisons: Sequence[ModelComparison],
 ) -> tuple[tuple[Term, ...], list[ModelComparison]]:
@@ -308,7 +308,7 @@ def _fit_other_variants(
     return add_variants([first, *others])
 
 
-def _log_prior(law: CandidateLaw | None, laws: tuple[CandidateLaw, ...]) -> float:
+def _log_prior(law: HistoryLaw | None, laws: tuple[HistoryLaw, ...]) -> float:
     """Log prior: even for no further term; families by weight; laws of a family alike."""
     if law is None:
         return float(np.log(_NOTHING_PRIOR))

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from slowtime.history_diagnosis.data.history import Series
-from slowtime.history_diagnosis.laws.catalogue import CandidateLaw, Shape
+from slowtime.history_diagnosis.laws.catalogue import HistoryLaw, Shape
 from slowtime.history_diagnosis.laws.laplace import process_grid
 from slowtime.history_diagnosis.laws.terms import (
     ScreenedHistory,
@@ -45,7 +45,7 @@ class ScanResult:
         Its best shapes, and the random process that goes with each.
     """
 
-    law: CandidateLaw
+    law: HistoryLaw
     score: float
     terms: tuple[Term, ...]
     processes: tuple[MaternProcess, ...]
@@ -90,7 +90,7 @@ class _Base:
 
 
 def scan_grid(
-    readings: ScreenedHistory, laws: tuple[CandidateLaw, ...], before: tuple[Term, ...]
+    readings: ScreenedHistory, laws: tuple[HistoryLaw, ...], before: tuple[Term, ...]
 ) -> GridScan:
     """Add each law, in each shape of its grid, to the terms found so far."""
     past = readings.past
@@ -130,7 +130,7 @@ def _fewer(processes: tuple[MaternProcess, ...], best: int) -> list[int]:
 
 
 def _scan_law(
-    base: _Base, law: CandidateLaw, nothing: Float[np.ndarray, " process"]
+    base: _Base, law: HistoryLaw, nothing: Float[np.ndarray, " process"]
 ) -> ScanResult:
     values = _evidence(base, law, law.grid) if law.width else _noise_law_evidence(base, law)
     best = values.max(axis=0)
@@ -146,7 +146,7 @@ def _scan_law(
     )
 
 
-def _noise_law_evidence(base: _Base, law: CandidateLaw) -> Float[np.ndarray, "process shape"]:
+def _noise_law_evidence(base: _Base, law: HistoryLaw) -> Float[np.ndarray, "process shape"]:
     """Evidence of a law of the noise, which has no regressors: all is filtered again."""
     past = base.readings.past
     stacked = np.column_stack([base.columns, past.value])
@@ -161,7 +161,7 @@ def _noise_law_evidence(base: _Base, law: CandidateLaw) -> Float[np.ndarray, "pr
 
 
 def _zoom(
-    base: _Base, law: CandidateLaw, values: Float[np.ndarray, "process shape"], score: float
+    base: _Base, law: HistoryLaw, values: Float[np.ndarray, "process shape"], score: float
 ) -> ScanResult:
     """Search ever finer grids around the best shape of each process."""
     found = []
@@ -185,14 +185,14 @@ def _zoom(
 
 
 def _evidence(
-    base: _Base, law: CandidateLaw, shapes: list[Shape]
+    base: _Base, law: HistoryLaw, shapes: list[Shape]
 ) -> Float[np.ndarray, "process shape"]:
     chunks = [shapes[first : first + _CHUNK] for first in range(0, len(shapes), _CHUNK)]
     return np.concatenate([_chunk_evidence(base, law, chunk) for chunk in chunks], axis=1)
 
 
 def _chunk_evidence(
-    base: _Base, law: CandidateLaw, shapes: list[Shape]
+    base: _Base, law: HistoryLaw, shapes: list[Shape]
 ) -> Float[np.ndarray, "process shape"]:
     readings, past = base.readings, base.readings.past
     drawn = np.stack([law.columns(past.time, past.covariates, s) for s in shapes], axis=1)

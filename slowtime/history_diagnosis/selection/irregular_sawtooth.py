@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from slowtime.history_diagnosis.data.history import FilledCovariate, ScaledHistory, Series
 from slowtime.history_diagnosis.laws import regressors
-from slowtime.history_diagnosis.laws.catalogue import CandidateLaw, Shape, ShapeAxis
+from slowtime.history_diagnosis.laws.catalogue import HistoryLaw, Shape, ShapeAxis
 from slowtime.history_diagnosis.laws.terms import (
     ScreenedHistory,
     Term,
@@ -132,7 +132,7 @@ def _search(
     return falls
 
 
-def _law(past: ScaledHistory, falls: list[float]) -> CandidateLaw:
+def _law(past: ScaledHistory, falls: list[float]) -> HistoryLaw:
     # Ordered instants fill the box of each within e/2m of it about as often as all of time.
     half = 0.5 * np.e / len(falls)
     axes = tuple(
@@ -148,4 +148,4 @@ def _law(past: ScaledHistory, falls: list[float]) -> CandidateLaw:
     ) -> Float[np.ndarray, "time 2"]:
         return regressors.irregular_sawtooth(time, list(shape))
 
-    return CandidateLaw("sawtooth", "sawtooth", "irregular", None, axes, drawn, 2)
+    return HistoryLaw("sawtooth", "sawtooth", "irregular", None, axes, drawn, 2)

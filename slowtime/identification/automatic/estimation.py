@@ -19,7 +19,7 @@ from slowtime.identification.harmonics.detection import (
     classify_in_spectra,
     find_harmonics,
 )
-from slowtime.identification.harmonics.narrowband import Spectra
+from slowtime.identification.harmonics.narrowband import FourierSpectra
 from slowtime.identification.harmonics.periodic_force import FLAG, without_periodic_force
 from slowtime.identification.harmonics.tones import remove_lines
 from slowtime.identification.mode_shapes.criteria import normalised
@@ -33,7 +33,7 @@ from slowtime.identification.spectral_likelihood.mode_selection import (
     widen_for_windows,
 )
 from slowtime.identification.spectral_likelihood.windows import Spectrum
-from slowtime.identification.subspace.bands import EDGE, Band, demodulate, plan_bands
+from slowtime.identification.subspace.bands import EDGE, Passband, demodulate, plan_bands
 from slowtime.identification.subspace.correlations import correlation_matrices
 from slowtime.identification.subspace.poles import PoleLimits, Poles, combine_poles
 from slowtime.identification.subspace.ssi import identify_poles
@@ -148,7 +148,7 @@ def identify_modes(
     if periods > 1:
         modes = [dataclasses.replace(mode, flags=(*mode.flags, FLAG)) for mode in modes]
     else:
-        modes = _judged(modes, Spectra(spectrum.coefficients, spectrum.spacing_hz))
+        modes = _judged(modes, FourierSpectra(spectrum.coefficients, spectrum.spacing_hz))
     whole = sorted([*modes, *(_line(v, units) for v in lines)], key=_frequency)
     places = [next(i for i, m in enumerate(whole) if m is mode) for mode in modes]
     return ModalResult(
@@ -217,12 +217,12 @@ def _default_band(rate_hz: float, count: int) -> tuple[float, float]:
     return FEWEST_CYCLES * rate_hz / count, 0.95 * EDGE * rate_hz / 2
 
 
-def _planned(edges: tuple[float, float], count: int, rate_hz: float) -> list[Band]:
+def _planned(edges: tuple[float, float], count: int, rate_hz: float) -> list[Passband]:
     """Bands of the subspace models: where edges are wider, others are added to the usual."""
     low, high = edges
     usual = _default_band(rate_hz, count)
     ends = [low, *(edge for edge in usual if low < edge < high), high]
-    planned: list[Band] = []
+    planned: list[Passband] = []
     for lower, upper in itertools.pairwise(ends):
         planned.extend(plan_bands(lower, upper, rate_hz, resolution_hz=rate_hz / count))
     return planned
@@ -261,7 +261,7 @@ def _below(
 
 
 def _poles(
-    transform: np.ndarray, count: int, rate_hz: float, band: Band, order: int
+    transform: np.ndarray, count: int, rate_hz: float, band: Passband, order: int
 ) -> Poles | None:
     """Subspace models of one band, in the strongest combinations of its channels."""
     series, rate, centre = demodulate(transform, count, rate_hz, band)
@@ -349,7 +349,7 @@ def _mode(one: Chosen, units: _Units) -> Mode:
     )
 
 
-def _judged(modes: list[Mode], spectra: Spectra) -> list[Mode]:
+def _judged(modes: list[Mode], spectra: FourierSpectra) -> list[Mode]:
     """Modes too steady for a structure called harmonics."""
     if not modes:
         return modes

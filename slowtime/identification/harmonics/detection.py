@@ -20,8 +20,8 @@ from slowtime.signals.spectra import detrended
 
 from .families import HarmonicFamily, group_into_families
 from .narrowband import (
+    FourierSpectra,
     NarrowBand,
-    Spectra,
     fourier_spectra,
     narrow_band,
     residual_share,
@@ -178,7 +178,7 @@ def classify_peaks(
 
 
 def classify_in_spectra(
-    spectra: Spectra, frequency_hz: Float[np.ndarray, " peak"]
+    spectra: FourierSpectra, frequency_hz: Float[np.ndarray, " peak"]
 ) -> tuple[PeakClass, ...]:
     """Classify peaks as `classify_peaks` does, from spectra whose channels all move.
 
@@ -270,7 +270,7 @@ def find_harmonics(
     return lines, bases
 
 
-def _prepared(samples: np.ndarray, rate_hz: float) -> tuple[Spectra, np.ndarray]:
+def _prepared(samples: np.ndarray, rate_hz: float) -> tuple[FourierSpectra, np.ndarray]:
     """Spectra of the channels that move, and which do."""
     columns = checks.series(samples, rate_hz)
     given = samples[:, None] if samples.ndim == 1 else samples
@@ -278,7 +278,7 @@ def _prepared(samples: np.ndarray, rate_hz: float) -> tuple[Spectra, np.ndarray]
 
 
 def _verdict(
-    spectra: Spectra,
+    spectra: FourierSpectra,
     moving: np.ndarray,
     frequency_hz: float,
     doubt: DecisionLimits,
@@ -309,7 +309,7 @@ def _verdict(
 
 
 def _least_likely(
-    spectra: Spectra,
+    spectra: FourierSpectra,
     centre: int,
     least: float,
     level: float,
@@ -341,7 +341,9 @@ def _least_likely(
     return min(p, 1.0), line
 
 
-def _is_multiple(spectra: Spectra, frequency_hz: float, speeds: tuple[Measured, ...]) -> bool:
+def _is_multiple(
+    spectra: FourierSpectra, frequency_hz: float, speeds: tuple[Measured, ...]
+) -> bool:
     for speed in speeds:
         order = max(1, round(frequency_hz / speed.value))
         off = abs(frequency_hz - order * speed.value)

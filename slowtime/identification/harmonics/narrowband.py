@@ -31,14 +31,16 @@ RIDGE = 0.1
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Spectra:
+class FourierSpectra:
     """Fourier coefficients of all channels; |coefficient|² is a one-sided density."""
 
     coefficients: Complex[np.ndarray, "frequency channel"]
     spacing_hz: float
 
 
-def fourier_spectra(samples: Float[np.ndarray, "time channel"], rate_hz: float) -> Spectra:
+def fourier_spectra(
+    samples: Float[np.ndarray, "time channel"], rate_hz: float
+) -> FourierSpectra:
     """Fourier coefficients of a whole record, without a taper.
 
     Parameters
@@ -53,7 +55,7 @@ def fourier_spectra(samples: Float[np.ndarray, "time channel"], rate_hz: float) 
     Coefficients and their spacing [Hz]
     """
     frequency, coefficients = transform(samples, rate_hz)
-    return Spectra(coefficients, float(frequency[1]))
+    return FourierSpectra(coefficients, float(frequency[1]))
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -68,7 +70,7 @@ class NarrowBand:
     centre: int
 
 
-def narrow_band(spectra: Spectra, centre: int, half_width: int) -> NarrowBand:
+def narrow_band(spectra: FourierSpectra, centre: int, half_width: int) -> NarrowBand:
     r"""Envelope of a band in the channel combination with the best signal-to-noise ratio.
 
     The direction maximises :math:`w^H S_p w / w^H S_n w`, with the spectral matrices of the

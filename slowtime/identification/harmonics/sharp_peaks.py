@@ -8,7 +8,7 @@ from scipy.special import gammainccinv
 
 from slowtime.signals.spectra import PIECE
 
-from .narrowband import Spectra
+from .narrowband import FourierSpectra
 
 FALSE_ALARM = 1e-2
 """Probability that smooth noise shows any peak."""
@@ -24,7 +24,7 @@ MOST = 100
 """Largest number of peaks."""
 
 
-def sharp_peaks(spectra: Spectra, low_hz: float, high_hz: float) -> list[float]:
+def sharp_peaks(spectra: FourierSpectra, low_hz: float, high_hz: float) -> list[float]:
     """Frequencies of peaks at most a few tens of bins wide.
 
     Parameters

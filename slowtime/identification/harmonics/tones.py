@@ -6,7 +6,7 @@ from jaxtyping import Complex, Float
 from slowtime.identification.estimates import Measured
 from slowtime.identification.mode_shapes.criteria import normalised
 
-from .narrowband import NarrowBand, Spectra
+from .narrowband import FourierSpectra, NarrowBand
 
 PADDING = 8
 """Places tried a bin, and again between two of them, `ZOOMS` times."""
@@ -30,7 +30,7 @@ SURROUNDINGS = 40
 """Bins either side that say how loud a channel is where there is no line."""
 
 
-def strongest_bin(spectra: Spectra, frequency_hz: float) -> int:
+def strongest_bin(spectra: FourierSpectra, frequency_hz: float) -> int:
     """Bin of the strongest ordinate about a frequency, channels weighted by their own level.
 
     Parameters
@@ -105,7 +105,7 @@ def _matched(bins: np.ndarray, offset: np.ndarray, places: np.ndarray) -> np.nda
     return np.asarray(np.abs(kernel.conj() @ bins) ** 2 / np.sum(np.abs(kernel) ** 2, axis=1))
 
 
-def line_amplitude(spectra: Spectra, seen: NarrowBand) -> float:
+def line_amplitude(spectra: FourierSpectra, seen: NarrowBand) -> float:
     """Root mean square of a line, noise taken off, in the channel that moves most."""
     half = len(seen.envelope) // 2
     bins = spectra.coefficients[max(0, seen.centre - half) : seen.centre + half + 1]
@@ -113,7 +113,7 @@ def line_amplitude(spectra: Spectra, seen: NarrowBand) -> float:
     return float(np.sqrt(power * seen.snr / (1.0 + seen.snr)))
 
 
-def line_shape(spectra: Spectra, centre: int) -> Complex[np.ndarray, " channel"]:
+def line_shape(spectra: FourierSpectra, centre: int) -> Complex[np.ndarray, " channel"]:
     """Deflection of the channels at the peak, of unit norm."""
     bins = spectra.coefficients[centre - 1 : centre + 2]
     left = np.linalg.svd(bins.T, full_matrices=False)[0][:, 0]

@@ -56,7 +56,7 @@ Mask = Bool[np.ndarray, " line"]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Detection:
+class DetectionLines:
     """Output power at lines that the input leaves out.
 
     Parameters
@@ -112,8 +112,8 @@ class Distortion:
     total_sd: Real
     nonlinear_sd: Real
     p_value: float
-    odd: Detection | None
-    even: Detection | None
+    odd: DetectionLines | None
+    even: DetectionLines | None
     symmetry: Literal["none", "odd", "even", "odd and even", "unknown"]
 
 
@@ -231,7 +231,7 @@ def _detection(
     top: int,
     response: Complex[np.ndarray, " excited"],
     parity: int,
-) -> Detection | None:
+) -> DetectionLines | None:
     """Power of the output at lines of one parity that the input leaves out."""
     lines = np.arange(len(excited))
     first = int(np.flatnonzero(excited)[0])
@@ -259,7 +259,7 @@ def _detection(
         ratio = float(np.mean(seen / np.maximum(known, np.finfo(float).tiny)))
         number = int(chosen.sum())
         p_value = float(scipy.stats.f.sf(ratio, 2 * number * len(given), 2 * number * within))
-    return Detection(
+    return DetectionLines(
         amplitude=2 * float(np.sqrt(seen.mean())),
         noise=2 * floor,
         lines=int(chosen.sum()),
@@ -268,8 +268,8 @@ def _detection(
 
 
 def _symmetry(
-    odd: Detection | None,
-    even: Detection | None,
+    odd: DetectionLines | None,
+    even: DetectionLines | None,
     p_value: float,
     response: Complex[np.ndarray, " excited"],
     total: Float[np.ndarray, " excited"],

@@ -6,12 +6,12 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from slowtime.identification.modes import Mode
-from slowtime.identification.subspace.bands import Band
+from slowtime.identification.subspace.bands import Passband
 from slowtime.identification.subspace.correlations import block_products
 
 from .band_solution import ModelSizes, solve_band, strongest_directions
 from .forgetting import FadingCoefficients, FrequencyGrid
-from .frames import Frame
+from .frames import BinRange
 from .product_sums import ProductSum, ProductSums
 
 LEARNT = 150
@@ -60,7 +60,7 @@ class BandState:
 class BandStep:
     """How one band takes in its frames."""
 
-    band: Band
+    band: Passband
     raster: FrequencyGrid
     models: ModelSizes
     memory_s: float | None
@@ -68,7 +68,7 @@ class BandStep:
     """Frames after which models are solved anew."""
 
     @property
-    def frame(self) -> Frame:
+    def frame(self) -> BinRange:
         """How the band is cut out of the stream."""
         return self.raster.frame
 

@@ -12,7 +12,7 @@ from jaxtyping import Complex
 from slowtime.identification.estimates import Measured
 from slowtime.identification.mode_shapes.criteria import normalised
 from slowtime.identification.modes import Mode
-from slowtime.identification.subspace.bands import Band
+from slowtime.identification.subspace.bands import Passband
 from slowtime.identification.subspace.correlations import Correlations
 from slowtime.identification.subspace.ssi import Poles, identify_poles
 from slowtime.identification.subspace.stabilisation import StablePole, find_stable_poles
@@ -70,7 +70,7 @@ def strongest_directions(
 
 
 def solve_band(
-    correlations: Correlations, seen: FadingSpectra, band: Band, models: ModelSizes
+    correlations: Correlations, seen: FadingSpectra, band: Passband, models: ModelSizes
 ) -> tuple[Mode, ...]:
     """Modes in and about the core of a band.
 
@@ -138,7 +138,7 @@ def _told_apart(
     return lines, others
 
 
-def join_bands(bands: list[tuple[Band, tuple[Mode, ...]]]) -> tuple[Mode, ...]:
+def join_bands(bands: list[tuple[Passband, tuple[Mode, ...]]]) -> tuple[Mode, ...]:
     """Join the modes of all bands; of duplicates, the one further from an edge remains.
 
     Parameters
@@ -158,7 +158,7 @@ def join_bands(bands: list[tuple[Band, tuple[Mode, ...]]]) -> tuple[Mode, ...]:
     return tuple(sorted(kept, key=lambda mode: mode.frequency_hz.value))
 
 
-def _inside(band: Band, mode: Mode) -> float:
+def _inside(band: Passband, mode: Mode) -> float:
     """Distance from the nearer edge of the core, as a share of the frequency."""
     frequency = mode.frequency_hz.value
     return float(np.log(min(frequency / band.low_hz, band.high_hz / frequency)))

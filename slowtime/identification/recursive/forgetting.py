@@ -16,7 +16,7 @@ import numpy as np
 import scipy.fft as fft
 from jaxtyping import Complex, Float
 
-from .frames import Frame
+from .frames import BinRange
 from .window_data import FadingSpectra
 
 RESOLVED = 1e-3
@@ -53,7 +53,7 @@ class FadingCoefficients:
 class FrequencyGrid:
     """Ordinates of one band, and how they are stepped by one frame."""
 
-    frame: Frame
+    frame: BinRange
 
     @property
     def decay(self) -> float:

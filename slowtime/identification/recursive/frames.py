@@ -6,7 +6,7 @@ import numpy as np
 import scipy.fft as fft
 from jaxtyping import Complex, Float
 
-from slowtime.identification.subspace.bands import EDGE, Band
+from slowtime.identification.subspace.bands import EDGE, Passband
 
 FRAME = 24.0
 """A frame lasts so many times as long as the fading edge of its band is narrow [1/Hz]: what the
@@ -15,21 +15,21 @@ fading smears beyond a quarter of it, and the ends of the frame into its middle,
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Frame:
+class BinRange:
     """How a band is cut out of the stream: bins from `first`, `number` of them.
 
     Frames of `length` samples follow each other by half a frame; of each the middle half of the
     slow series is kept, so that those of successive frames join without a seam.
     """
 
-    band: Band
+    band: Passband
     length: int
     first: int
     number: int
     sampling_hz: float
 
     @staticmethod
-    def of(band: Band, sampling_hz: float) -> "Frame":
+    def of(band: Passband, sampling_hz: float) -> "BinRange":
         """Shortest frame that resolves a band and its margin.
 
         Parameters
@@ -53,7 +53,7 @@ class Frame:
         number = fft.next_fast_len(last - first + 1)
         while number % 4:
             number = fft.next_fast_len(number + 1)
-        return Frame(band, length, first, number, sampling_hz)
+        return BinRange(band, length, first, number, sampling_hz)
 
     @property
     def hop(self) -> int:
@@ -111,11 +111,11 @@ class Frame:
         return np.asarray(turn * slow[quarter : 3 * quarter])
 
 
-def _widened(band: Band, highest_hz: float) -> Band:
+def _widened(band: Passband, highest_hz: float) -> Passband:
     """Band that is flat half-way into its edges: modes are told by their skirts as well."""
     skirt = band.low_hz - band.from_hz
     stop = min(band.to_hz + 0.25 * (band.to_hz - band.high_hz), highest_hz)
-    return Band(
+    return Passband(
         low_hz=band.low_hz - 0.5 * skirt,
         high_hz=max(band.high_hz, stop - 0.75 * skirt),
         from_hz=band.from_hz - 0.25 * skirt,

@@ -10,12 +10,12 @@ from jaxtyping import Float
 
 from slowtime.identification import checks
 from slowtime.identification.modes import Mode
-from slowtime.identification.subspace.bands import CORE, EDGE, Band, plan_bands
+from slowtime.identification.subspace.bands import CORE, EDGE, Passband, plan_bands
 
 from .band import BandState, BandStep
 from .band_solution import ModelSizes, join_bands
 from .forgetting import FrequencyGrid
-from .frames import Frame
+from .frames import BinRange
 from .sample_buffer import SampleBuffer
 
 TOP = 0.95 * EDGE
@@ -91,7 +91,7 @@ class RecursiveModes:
             )
 
     @property
-    def bands(self) -> tuple[Band, ...]:
+    def bands(self) -> tuple[Passband, ...]:
         """Bands whose cores follow each other over the whole of `band_hz` and a little more."""
         return tuple(step.band for step in _steps(self))
 
@@ -146,7 +146,7 @@ class RecursiveModes:
         steps = zip(_steps(self), state.bands, strict=True)
         return self._reported([(step.band, step.solved(band)) for step, band in steps])
 
-    def _reported(self, solved: list[tuple[Band, tuple[Mode, ...]]]) -> tuple[Mode, ...]:
+    def _reported(self, solved: list[tuple[Passband, tuple[Mode, ...]]]) -> tuple[Mode, ...]:
         """Modes of all bands within the band that is asked for."""
         return tuple(
             mode
@@ -203,13 +203,13 @@ def _steps(settings: RecursiveModes) -> tuple[BandStep, ...]:
     )
     steps = []
     for band in _fixed_bands(settings):
-        frame = Frame.of(band, settings.rate_hz)
+        frame = BinRange.of(band, settings.rate_hz)
         every = max(1, math.ceil(settings.every_s / frame.hop_s))
         steps.append(BandStep(band, FrequencyGrid(frame), models, settings.memory_s, every))
     return tuple(steps)
 
 
-def _fixed_bands(settings: RecursiveModes) -> list[Band]:
+def _fixed_bands(settings: RecursiveModes) -> list[Passband]:
     """Bands of a raster that hangs on the rate alone, as far as they overlap `band_hz`.
 
     So a mode is found in the same band wherever the edges of `band_hz` are.

@@ -176,7 +176,7 @@ class ModelTangents:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class _Layout:
+class _CoordinateLayout:
     """Where the coordinates of the parameters are among those of vectors and directions.
 
     Parameters
@@ -196,7 +196,7 @@ class _Layout:
 
 
 @functools.cache
-def layout_of(moving: int, free: int, modes: int, directions: int) -> _Layout:
+def layout_of(moving: int, free: int, modes: int, directions: int) -> _CoordinateLayout:
     """Layout of the parameters of a model.
 
     Parameters
@@ -221,7 +221,7 @@ def layout_of(moving: int, free: int, modes: int, directions: int) -> _Layout:
     own = 2 * (before + np.flatnonzero(low == high)) + 1
     real = np.arange(2 * (moving + len(index)))
     real = np.delete(real, np.concatenate([own, own + 2 * len(low)]))
-    return _Layout(moving, index, share[:, None], real)
+    return _CoordinateLayout(moving, index, share[:, None], real)
 
 
 def real_rows(plain: np.ndarray, turned: np.ndarray) -> np.ndarray:

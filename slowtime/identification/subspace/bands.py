@@ -25,7 +25,7 @@ EDGE = 0.98
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Band:
+class Passband:
     """Core from `low_hz` to `high_hz`, and the edges between which the band fades [Hz]."""
 
     low_hz: float
@@ -63,7 +63,7 @@ class Band:
 
 def plan_bands(
     low_hz: float, high_hz: float, rate_hz: float, *, resolution_hz: float
-) -> tuple[Band, ...]:
+) -> tuple[Passband, ...]:
     """Bands whose cores follow each other from `low_hz` to `high_hz`.
 
     Parameters
@@ -96,12 +96,15 @@ def plan_bands(
         skirt = max((MARGIN - 1) * low, 0.5 * (high - low))
         start = max(low - skirt, 0.25 * low)
         stop = min(high + skirt, highest)
-        bands.append(Band(low, min(high, stop - 0.25 * skirt), start, stop))
+        bands.append(Passband(low, min(high, stop - 0.25 * skirt), start, stop))
     return tuple(bands)
 
 
 def demodulate(
-    spectrum: Complex[np.ndarray, "frequency channel"], count: int, rate_hz: float, band: Band
+    spectrum: Complex[np.ndarray, "frequency channel"],
+    count: int,
+    rate_hz: float,
+    band: Passband,
 ) -> tuple[Complex[np.ndarray, "time channel"], float, float]:
     """Series of one band, from the real transform of the whole record.
 

@@ -90,7 +90,7 @@ REACH = 36.0
 1e-283, is near the least that double precision holds."""
 
 
-class Sample:
+class MixtureSample:
     """All points drawn so far, with the ratio of each component at each."""
 
     def __init__(self, inputs: int, components: list[Component]) -> None:
@@ -138,7 +138,7 @@ class Sample:
         self.log_ratios = np.concatenate([self.log_ratios, ratios])
         self.drawn += counts
 
-    def join(self, other: "Sample") -> None:
+    def join(self, other: "MixtureSample") -> None:
         """Take over the points of another sample of the same components."""
         for name in ("u", "failed", "log_ratios"):
             setattr(self, name, np.concatenate([getattr(self, name), getattr(other, name)]))
@@ -150,7 +150,9 @@ class Sample:
             return np.empty(0)
         return self._ratios(self.log_ratios)
 
-    def ratios_at(self, other: "Sample", which: np.ndarray) -> Float[np.ndarray, " sample"]:
+    def ratios_at(
+        self, other: "MixtureSample", which: np.ndarray
+    ) -> Float[np.ndarray, " sample"]:
         """Ratios of the standard normal density to this mixture at points of another sample.
 
         Parameters
@@ -255,7 +257,7 @@ def importance(
 
 def explore(
     g: Evaluator, rng: np.random.Generator, stopping: Stopping, found: Found, search: Search
-) -> tuple[Sample, list[DesignPoint]]:
+) -> tuple[MixtureSample, list[DesignPoint]]:
     """Draw until the target is met; the sample that counts, and the design points at the end.
 
     Shares are learnt from points that are not counted: a mixture that has seen its own points
@@ -263,12 +265,12 @@ def explore(
     """
     points = [point for point in found.points if abs(point.beta) < REACH]
     components = [c for point in points for c in about(point)] + broad(g.problem.size)
-    learning = Sample(g.problem.size, components)
+    learning = MixtureSample(g.problem.size, components)
     share = first_shares(components)
     restarts = 0
     while True:
         share = _learn(g, learning, share, points, search, stopping, rng)
-        counted = Sample(g.problem.size, learning.components)
+        counted = MixtureSample(g.problem.size, learning.components)
         again, variation = False, np.inf
         while not again:
             if len(counted.u):
@@ -287,7 +289,7 @@ def explore(
         learning.join(counted)
 
 
-def _needed(learning: Sample, share: np.ndarray, stopping: Stopping) -> int:
+def _needed(learning: MixtureSample, share: np.ndarray, stopping: Stopping) -> int:
     """Points for the target, decided before any is drawn: no luck of theirs ends it."""
     failed = learning.failed
     if not failed.any():
@@ -298,7 +300,7 @@ def _needed(learning: Sample, share: np.ndarray, stopping: Stopping) -> int:
     return int(np.clip(spread / stopping.variation**2, FIRST_ROUND, MOST_PLANNED))
 
 
-def _foreseen(counted: Sample, learning: Sample) -> float:
+def _foreseen(counted: MixtureSample, learning: MixtureSample) -> float:
     """Coefficient of variation by the points counted, or by those learnt from if that is more.
 
     Between components few points carry much. A sample that has met none of them believes its
@@ -330,7 +332,7 @@ def _spread(
     return square * count / float(np.sum(drawn / most)) ** 2 - 1.0
 
 
-def _even(counted: Sample, learning: Sample) -> bool:
+def _even(counted: MixtureSample, learning: MixtureSample) -> bool:
     """Whether no point, nor one learnt from were it to come again, carries too much."""
     weight = counted.weights()
     most = weight.max()
@@ -341,7 +343,7 @@ def _even(counted: Sample, learning: Sample) -> bool:
 
 def _learn(
     g: Evaluator,
-    learning: Sample,
+    learning: MixtureSample,
     share: np.ndarray,
     points: list[DesignPoint],
     search: Search,
@@ -380,7 +382,7 @@ def _learn(
 
 
 def _walked(
-    g: Evaluator, learning: Sample, weight: np.ndarray, rng: np.random.Generator
+    g: Evaluator, learning: MixtureSample, weight: np.ndarray, rng: np.random.Generator
 ) -> bool:
     """Let chains walk from the failures; whether they end where few points were drawn."""
     failed = learning.failed
@@ -394,7 +396,7 @@ def _allowed(g: Evaluator, stopping: Stopping, count: int) -> int:
     return max(min(count, stopping.calls - g.calls), 1)
 
 
-def _estimate(sample: Sample) -> tuple[float, float]:
+def _estimate(sample: MixtureSample) -> tuple[float, float]:
     """Probability and its coefficient of variation.
 
     As if each point came from the mixture. That components get fixed numbers of points lessens
@@ -408,7 +410,7 @@ def _estimate(sample: Sample) -> tuple[float, float]:
     return value, float((weight / value).std(ddof=1) / np.sqrt(len(weight)))
 
 
-def _learnt(sample: Sample, before: np.ndarray, points: list[DesignPoint]) -> np.ndarray:
+def _learnt(sample: MixtureSample, before: np.ndarray, points: list[DesignPoint]) -> np.ndarray:
     """Shares by what failed so far, and in part as before: few failures teach little."""
     weight = sample.weights()
     failed = sample.failed
@@ -451,7 +453,7 @@ def _more(variation: float, drawn: int, stopping: Stopping) -> int:
 
 def _further(
     g: Evaluator,
-    sample: Sample,
+    sample: MixtureSample,
     weight: np.ndarray,
     points: list[DesignPoint],
     search: Search,
@@ -482,7 +484,7 @@ def _further(
     return new, at
 
 
-def _doubts(sample: Sample, weight: np.ndarray) -> tuple[str, ...]:
+def _doubts(sample: MixtureSample, weight: np.ndarray) -> tuple[str, ...]:
     if not weight.sum() > 0.0:
         return ()
     heaviest = float(weight.max() / weight.sum())

@@ -30,7 +30,7 @@ Marginals: TypeAlias = Mapping[str, Float[np.ndarray, " case"]]
 """Of each member, its failure probability in each case."""
 
 
-class Conditional(NamedTuple):
+class ConditionalMembers(NamedTuple):
     """Members given the values of their common factor.
 
     Parameters
@@ -51,7 +51,7 @@ class Independent:
 
     members: tuple[str, ...]
 
-    def given(self, marginals: Marginals) -> Conditional:
+    def given(self, marginals: Marginals) -> ConditionalMembers:
         """Condition on nothing: one value with weight 1.
 
         Parameters
@@ -64,7 +64,7 @@ class Independent:
         Weights of the values, and the failure probability of each member at each of them.
         """
         failing = {name: np.asarray(marginals[name])[None] for name in self.members}
-        return Conditional(np.ones((1, 1)), failing)
+        return ConditionalMembers(np.ones((1, 1)), failing)
 
     def draw(
         self, marginals: Mapping[str, float], rng: np.random.Generator, count: int
@@ -111,7 +111,7 @@ class CommonCause:
         if not 0.0 <= self.beta <= 1.0:
             raise ValueError(f"beta={self.beta:g} is outside [0, 1]. Give 0.1 for 10 %.")
 
-    def given(self, marginals: Marginals) -> Conditional:
+    def given(self, marginals: Marginals) -> ConditionalMembers:
         """Condition on whether the common event happens.
 
         Parameters
@@ -130,7 +130,7 @@ class CommonCause:
             )
             for name in self.members
         }
-        return Conditional(np.stack([1.0 - event, event]), failing)
+        return ConditionalMembers(np.stack([1.0 - event, event]), failing)
 
     def draw(
         self, marginals: Mapping[str, float], rng: np.random.Generator, count: int
@@ -187,7 +187,7 @@ class Equicorrelated:
                 "negative correlation. Give 0.3, or a common cause for what fails together."
             )
 
-    def given(self, marginals: Marginals) -> Conditional:
+    def given(self, marginals: Marginals) -> ConditionalMembers:
         """Condition on the values of the common factor, by Gauss-Legendre in panels.
 
         Parameters
@@ -204,7 +204,7 @@ class Equicorrelated:
             name: self._conditional_probabilities(np.asarray(marginals[name]), z[:, None])
             for name in self.members
         }
-        return Conditional(weights[:, None], failing)
+        return ConditionalMembers(weights[:, None], failing)
 
     def _conditional_probabilities(
         self, marginal: Float[np.ndarray, " case"], z: Float[np.ndarray, "value 1"]

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .bounds import any_dependence
-from .dependence import Conditional, Group, Marginals, grouped
+from .dependence import ConditionalMembers, Group, Marginals, grouped
 from .diagram import Diagram, TooLargeTreeError
 from .structure import Node, members
 
@@ -222,7 +222,7 @@ class _Plan:
                         entered[end] = entered.get(end, 0.0) + float(np.sum(path * chance))
         return critical, at_fault
 
-    def _conditionals(self, marginals: Marginals) -> list[Conditional]:
+    def _conditionals(self, marginals: Marginals) -> list[ConditionalMembers]:
         return [group.given(marginals) for group in self._groups]
 
     def _blocks(self, roots: Sequence[int]) -> dict[int, list[int]]:
@@ -235,7 +235,7 @@ class _Plan:
     def _sweep(
         self,
         blocks: Mapping[int, Sequence[int]],
-        given: Sequence[Conditional],
+        given: Sequence[ConditionalMembers],
         cases: int,
         within: dict[int, Float[np.ndarray, "value case"]] | None = None,
     ) -> dict[int, Float[np.ndarray, " case"]]:

@@ -37,7 +37,7 @@ of 90."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Change:
+class LineBreak:
     """Where a line breaks.
 
     Parameters
@@ -135,7 +135,7 @@ def breaks_of(points: Points, line: Line, *, fewest: int, least_s: float) -> tup
     return tuple(found)
 
 
-def change_among(breaks: Iterable[Breaks], points: Points, score: float) -> Change | None:
+def change_among(breaks: Iterable[Breaks], points: Points, score: float) -> LineBreak | None:
     """Find the break that explains the points best, if its score exceeds a threshold.
 
     Parameters
@@ -161,7 +161,7 @@ def change_among(breaks: Iterable[Breaks], points: Points, score: float) -> Chan
     last = int(np.flatnonzero(best.scores**2 >= least)[-1])
     turns = [one for one in ranked if one.kind == "rate" and _highest(one) ** 2 > least]
     turned = float(turns[0].raw[np.argmax(turns[0].scores)]) if turns else 0.0
-    return Change(
+    return LineBreak(
         first=points.kept[best.positions[last]],
         kind=best.kind,
         size=float(best.raw[at]),

@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 
 from .breaks import breaks_of, change_among, doubted
-from .line_fit import Line, Span, envelope, fit, fit_points, spread_of
+from .line_fit import ClockSpan, Line, envelope, fit, fit_points, spread_of
 from .lower_hull import Point, extend, joined, lowest
 from .state import ClockState
 from .tolerances import ClockTolerances
@@ -21,7 +21,7 @@ NOTABLE = 4.0
 """Typical distances from which on a span is late, or early."""
 
 
-class History:
+class ClockHistory:
     """A state that takes messages; between messages, `state` is all that it knows.
 
     The span at hand is held apart while it grows, so that a message costs one vertex.
@@ -84,12 +84,12 @@ class History:
         self._sum_x += x
         self._sum_y += y
 
-    def _span(self) -> Span | None:
+    def _span(self) -> ClockSpan | None:
         if self._number is None:
             return None
-        return Span(self._number, tuple(self._hull), self._count, self._sum_x, self._sum_y)
+        return ClockSpan(self._number, tuple(self._hull), self._count, self._sum_x, self._sum_y)
 
-    def _judge(self, span: Span) -> None:
+    def _judge(self, span: ClockSpan) -> None:
         """Take a complete shortest span in, or let it wait where it is far from the line."""
         state, line, given = self._state, self._state.line, self._given
         since_s = span.hull[-1][0] - state.history[0].hull[0][0] if state.history else 0.0
@@ -114,13 +114,13 @@ class History:
             if sum(after[-1].hull[-1]) - sum(after[0].hull[0]) >= given.patience_s:
                 self._begin_anew(after, line)
 
-    def _unusual(self, span: Span, line: Line) -> bool:
+    def _unusual(self, span: ClockSpan, line: Line) -> bool:
         """Whether a shortest span is farther from the line than usual."""
         drift_s = 3 * line.slope_sd * abs(span.hull[-1][0] - line.x)
         usual_s = max(NOTABLE * self._state.roughness_s, 5 * self._given.resolution_s)
         return abs(_far_s(span, line)) > usual_s + drift_s
 
-    def _begin_anew(self, waiting: tuple[Span, ...], line: Line) -> None:
+    def _begin_anew(self, waiting: tuple[ClockSpan, ...], line: Line) -> None:
         """Leave the old line: the host's clock has stepped, or the device's has changed."""
         given = self._given
         points = envelope(waiting, line.slope, given.rate_limit)
@@ -138,7 +138,9 @@ class History:
         self._reset(waiting, 1, "rate" if grows else "step", turned)
         self._refit()
 
-    def _reset(self, history: tuple[Span, ...], width: int, kind: str, turned: float) -> None:
+    def _reset(
+        self, history: tuple[ClockSpan, ...], width: int, kind: str, turned: float
+    ) -> None:
         """Keep only `history`; of what was before, what it says of the rate."""
         slope, sd, _ = self._state.posterior()
         stepped = kind == "step"
@@ -156,7 +158,7 @@ class History:
             began="stepped" if stepped else "rate_changed",
         )
 
-    def _commit(self, spans: tuple[Span, ...]) -> None:
+    def _commit(self, spans: tuple[ClockSpan, ...]) -> None:
         """Add shortest spans to the history."""
         for span in spans:
             history, width = self._state.history, self._state.width
@@ -177,7 +179,7 @@ class History:
         if given.spans * state.width * given.span_s >= given.horizon_s:
             self._state = dataclasses.replace(state, history=state.history[1:])
             return
-        merged: list[Span] = []
+        merged: list[ClockSpan] = []
         for span in state.history:
             half = dataclasses.replace(span, number=span.number // 2)
             if merged and merged[-1].number == half.number:
@@ -213,7 +215,7 @@ class History:
         self._state = dataclasses.replace(self._state, line=line, told=told, roughness_s=rough)
 
 
-def _lowered(line: Line, spans: tuple[Span, ...], kept: tuple[int, ...]) -> Line:
+def _lowered(line: Line, spans: tuple[ClockSpan, ...], kept: tuple[int, ...]) -> Line:
     """Line of the same slope through the least delays, which are the nearest to none."""
     least = np.array([spans[at].least_s(line.slope) for at in kept])
     level = float(np.sort(least)[len(least) // 2])
@@ -226,14 +228,14 @@ def _lowered(line: Line, spans: tuple[Span, ...], kept: tuple[int, ...]) -> Line
     )
 
 
-def _far_s(span: Span, line: Line) -> float:
+def _far_s(span: ClockSpan, line: Line) -> float:
     """Least delay of a span beyond the line [s]; negative where it is early."""
     x, y = lowest(span.hull, line.slope)
     return y - line.at(x)
 
 
-def _merged(left: Span, right: Span) -> Span:
-    return Span(
+def _merged(left: ClockSpan, right: ClockSpan) -> ClockSpan:
+    return ClockSpan(
         left.number,
         joined(left.hull, right.hull),
         left.count + right.count,

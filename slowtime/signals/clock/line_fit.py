@@ -37,7 +37,7 @@ ROUNDS = 12
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Span:
+class ClockSpan:
     """What is kept of consecutive messages.
 
     Parameters
@@ -132,7 +132,7 @@ class Points:
     kept: tuple[int, ...]
 
 
-def envelope(spans: Sequence[Span], slope: float, limit: float) -> Points:
+def envelope(spans: Sequence[ClockSpan], slope: float, limit: float) -> Points:
     """Lowest vertex of each span along a line of the given slope.
 
     Parameters
@@ -152,7 +152,7 @@ def envelope(spans: Sequence[Span], slope: float, limit: float) -> Points:
     return _within(points, limit)
 
 
-def means(spans: Sequence[Span], limit: float) -> Points:
+def means(spans: Sequence[ClockSpan], limit: float) -> Points:
     """Mean sensor time and delay of each span, of those that are possible.
 
     Parameters
@@ -179,7 +179,7 @@ def _within(points: Float[np.ndarray, "span 2"], limit: float) -> Points:
 
 
 def fit(
-    spans: Sequence[Span], limit: float, resolution_s: float, slope: float = 0.0
+    spans: Sequence[ClockSpan], limit: float, resolution_s: float, slope: float = 0.0
 ) -> Line | None:
     """Fit the line of a clock; None where the spans are too few to know its error.
 
@@ -207,7 +207,7 @@ def fit(
 
 
 def _fit_envelope(
-    spans: Sequence[Span], limit: float, resolution_s: float, slope: float
+    spans: Sequence[ClockSpan], limit: float, resolution_s: float, slope: float
 ) -> Line | None:
     line = None
     for _ in range(ROUNDS):

@@ -16,7 +16,7 @@ from jaxtyping import Int
 
 from slowtime.signals.block import RateCorrection
 
-from .history import History
+from .history import ClockHistory
 from .state import ClockState
 from .tolerances import ClockTolerances
 
@@ -150,7 +150,7 @@ class SamplingClock:
                 f"{len(index)} indices and {len(arrival_ns)} arrival times. Give one of each "
                 "per message."
             )
-        history = History(state, self.nominal_rate_hz, self.stamps, self.tolerances)
+        history = ClockHistory(state, self.nominal_rate_hz, self.stamps, self.tolerances)
         for at, arrived_ns in zip(index.tolist(), arrival_ns.tolist(), strict=True):
             history.take(at, arrived_ns)
         return history.state

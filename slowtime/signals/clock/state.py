@@ -3,7 +3,7 @@
 import dataclasses
 import math
 
-from .line_fit import Line, Span
+from .line_fit import ClockSpan, Line
 from .lower_hull import lowest
 
 
@@ -43,9 +43,9 @@ class ClockState:
     messages: int = 0
     ignored: int = 0
     width: int = 1
-    history: tuple[Span, ...] = ()
-    waiting: tuple[Span, ...] = ()
-    filling: Span | None = None
+    history: tuple[ClockSpan, ...] = ()
+    waiting: tuple[ClockSpan, ...] = ()
+    filling: ClockSpan | None = None
     line: Line | None = None
     told: Line | None = None
     roughness_s: float = 0.0

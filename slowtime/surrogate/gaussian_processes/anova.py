@@ -15,7 +15,7 @@ from scipy import stats
 from scipy.special import ndtr
 from scipy.stats import qmc
 
-from slowtime.surrogate.bases import Basis, Law, polynomials
+from slowtime.surrogate.bases import Law, PolynomialBasis, polynomials
 
 from .covariances import Covariance
 from .expansion_surrogate import ExpansionSurrogate
@@ -24,7 +24,7 @@ DRAWS = 4096
 
 
 @dataclass(frozen=True, slots=True)
-class Share:
+class VarianceShare:
     r"""Share of the variance by one component function :math:`g_u`.
 
     `whole` is :math:`\mathrm{Cov}(g_u, y) / \mathrm{Var}\,y`; they add up to 1. `structural`
@@ -98,7 +98,7 @@ class GeneralisedAnova(ExpansionSurrogate):
         self.folds = folds
         self.extrapolation = extrapolation
 
-    def shares(self, sample: Any = None) -> list[Share]:
+    def shares(self, sample: Any = None) -> list[VarianceShare]:
         """Shares of the variance by component, the largest first.
 
         Parameters
@@ -122,7 +122,9 @@ class GeneralisedAnova(ExpansionSurrogate):
                 total = float(np.mean((part - part.mean()) * (whole - whole.mean())))
                 own = float(np.var(part))
                 found.append(
-                    Share(which, total / variance, own / variance, (total - own) / variance)
+                    VarianceShare(
+                        which, total / variance, own / variance, (total - own) / variance
+                    )
                 )
         return sorted(found, key=lambda share: -share.whole)
 
@@ -147,7 +149,9 @@ class GeneralisedAnova(ExpansionSurrogate):
         return parts
 
     def _raw(self, x: np.ndarray) -> dict[tuple[int, ...], np.ndarray]:
-        basis = Basis(self.marginals_, self.terms_, np.zeros(x.shape[1]), np.ones(x.shape[1]))
+        basis = PolynomialBasis(
+            self.marginals_, self.terms_, np.zeros(x.shape[1]), np.ones(x.shape[1])
+        )
         values = basis(x) * self.coefficients_
         parts: dict[tuple[int, ...], np.ndarray] = {(): np.full(len(x), self.constant_)}
         inputs = range(x.shape[1])

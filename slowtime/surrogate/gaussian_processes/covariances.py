@@ -200,7 +200,7 @@ def _distance(a: np.ndarray, b: np.ndarray, log_lengths: np.ndarray) -> np.ndarr
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Periodic:
+class PeriodicCovariance:
     r""":math:`\sigma^2 \exp(-2 \sum_d \sin^2(\pi (x_d - x'_d) / p_d) / \ell_d^2)`."""
 
     def ranges(self, inputs: int) -> list[Range]:
@@ -363,7 +363,7 @@ class Expanded:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Sum:
+class SumCovariance:
     """Several covariance functions added: each explains a part."""
 
     parts: tuple[Covariance, ...]
@@ -453,5 +453,5 @@ def covariance(name: str) -> Covariance:
                 f"{', '.join(SHAPES)}, periodic, "
                 "and sums of them with +."
             )
-        parts.append(Periodic() if one == "periodic" else Stationary(one))
-    return parts[0] if len(parts) == 1 else Sum(tuple(parts))
+        parts.append(PeriodicCovariance() if one == "periodic" else Stationary(one))
+    return parts[0] if len(parts) == 1 else SumCovariance(tuple(parts))

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from slowtime.surrogate.bases import Basis, indices
+from slowtime.surrogate.bases import PolynomialBasis, indices
 
-from .covariances import Expanded, Sum
+from .covariances import Expanded, SumCovariance
 from .process_surrogate import ProcessSurrogate
 from .regression import TrainedProcess
 
@@ -30,12 +30,12 @@ class ExpansionSurrogate(ProcessSurrogate):
             terms = indices(self.n_features_in_, int(self.degree), interaction=self.interaction)
         # The constant is the trend on which nothing is believed beforehand.
         self.terms_ = terms[(terms > 0).any(axis=1)]
-        basis = Basis(self.marginals_, self.terms_, self.domain_.lo, self._width())
+        basis = PolynomialBasis(self.marginals_, self.terms_, self.domain_.lo, self._width())
         return Expanded(self.terms_, basis)
 
     def _report(self, process: TrainedProcess) -> None:
         whole = process.covariance
-        part = whole.parts[0] if isinstance(whole, Sum) else whole
+        part = whole.parts[0] if isinstance(whole, SumCovariance) else whole
         assert isinstance(part, Expanded)
         theta = process.theta[: len(part.ranges(self.n_features_in_))]
         variances = part.variances(theta)
@@ -44,7 +44,7 @@ class ExpansionSurrogate(ProcessSurrogate):
         self.constant_ = self.y_mean_ + self.y_scale_ * float(process.trend[0])
         self.weights_ = 1.0 / (variances * self.y_scale_**2)
         # Held by the process in any case; here it would double what a pickle weighs.
-        if isinstance(part.design, Basis):
+        if isinstance(part.design, PolynomialBasis):
             part.design.last = None
 
 

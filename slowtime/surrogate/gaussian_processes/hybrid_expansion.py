@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from .covariances import Covariance, Sum, covariance
+from .covariances import Covariance, SumCovariance, covariance
 from .expansion_surrogate import ExpansionSurrogate
 
 
@@ -86,4 +86,4 @@ class HybridExpansion(ExpansionSurrogate):
         self.extrapolation = extrapolation
 
     def _covariance(self) -> Covariance:
-        return Sum((self._expanded(), covariance(self.kernel)))
+        return SumCovariance((self._expanded(), covariance(self.kernel)))

@@ -7,7 +7,7 @@ import numpy as np
 from slowtime.surrogate.interface import Surrogate
 
 from .covariances import Covariance
-from .regression import Readings, TrainedProcess, learn, trust
+from .regression import RegressionData, TrainedProcess, learn, trust
 
 LEAST_LEFT = 6
 """Points without which nothing is learnt anew to see how far a band can be trusted."""
@@ -49,7 +49,7 @@ class ProcessSurrogate(Surrogate):
                 )
             variance = np.broadcast_to((given / self.y_scale_) ** 2, (len(scaled),)).copy()
         unit = self._unit(x)
-        readings = Readings(unit, self._trend(unit), scaled, variance)
+        readings = RegressionData(unit, self._trend(unit), scaled, variance)
         nugget = None if self.nugget is None else float(self.nugget) / self.y_scale_
         self.process_ = learn(self._covariance(), readings, nugget=nugget, starts=self.starts)
         self.inflation_ = self._inflation(self.process_)

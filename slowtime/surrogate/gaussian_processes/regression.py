@@ -37,7 +37,7 @@ BLUR = 0.3
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Readings:
+class RegressionData:
     """What is regressed on: scaled inputs, trend columns, outputs, their known variances."""
 
     x: Float[np.ndarray, "sample input"]
@@ -53,7 +53,7 @@ class TrainedProcess:
     covariance: Covariance
     theta: Float[np.ndarray, " parameter"]
     nugget: float
-    readings: Readings
+    readings: RegressionData
     factor: Float[np.ndarray, "sample sample"]
     """Lower Cholesky factor of the covariance of the readings."""
 
@@ -117,7 +117,7 @@ def _factor(matrix: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def condition(
-    covariance: Covariance, theta: np.ndarray, nugget: float, readings: Readings
+    covariance: Covariance, theta: np.ndarray, nugget: float, readings: RegressionData
 ) -> TrainedProcess:
     """Solve for the weights and the trend with given parameters.
 
@@ -173,7 +173,7 @@ def condition(
 
 def learn(
     covariance: Covariance,
-    readings: Readings,
+    readings: RegressionData,
     *,
     nugget: float | None = None,
     starts: int = 2,
@@ -269,7 +269,7 @@ def _begins(
 
 def _with_periods(
     covariance: Covariance,
-    readings: Readings,
+    readings: RegressionData,
     centre: np.ndarray,
     names: list[str],
     count: int,
@@ -305,7 +305,7 @@ def trust(
         rest, seen = order[k::folds], np.delete(order, np.s_[k::folds])
         part = learn(
             learnt.covariance,
-            Readings(
+            RegressionData(
                 readings.x[seen],
                 readings.trend[seen],
                 readings.y[seen],

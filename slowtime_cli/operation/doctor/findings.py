@@ -7,7 +7,7 @@ State = Literal["ok", "note", "problem"]
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Finding:
+class CheckLine:
     """One line of the report.
 
     Parameters

@@ -10,7 +10,7 @@ import tempfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from .findings import Finding
+from .findings import CheckLine
 
 VERSIONS = "Versions"
 EXTRAS = "Extras"
@@ -35,22 +35,24 @@ def installed_version(distribution: str) -> str | None:
         return None
 
 
-def versions() -> Iterator[Finding]:
+def versions() -> Iterator[CheckLine]:
     """Check Python, the system and the libraries without which nothing runs."""
     said = f"{platform.python_version()} ({sys.executable})"
     oldest = ".".join(map(str, OLDEST_PYTHON))
     if sys.version_info < OLDEST_PYTHON:
-        yield Finding(VERSIONS, "Python", "problem", said, f"Install Python {oldest} or newer.")
+        yield CheckLine(
+            VERSIONS, "Python", "problem", said, f"Install Python {oldest} or newer."
+        )
     else:
-        yield Finding(VERSIONS, "Python", "ok", said)
-    yield Finding(VERSIONS, "system", "ok", f"{platform.platform()}, {os.cpu_count()} cores")
+        yield CheckLine(VERSIONS, "Python", "ok", said)
+    yield CheckLine(VERSIONS, "system", "ok", f"{platform.platform()}, {os.cpu_count()} cores")
     for library in LIBRARIES:
         version = installed_version(library)
         if version is None:
             advice = "Install it again: pip install --force-reinstall slowtime"
-            yield Finding(VERSIONS, library, "problem", "not installed", advice)
+            yield CheckLine(VERSIONS, library, "problem", "not installed", advice)
         else:
-            yield Finding(VERSIONS, library, "ok", version)
+            yield CheckLine(VERSIONS, library, "ok", version)
 
 
 def requirements(lines: Iterable[str]) -> dict[str, set[str]]:
@@ -88,13 +90,13 @@ def requirements(lines: Iterable[str]) -> dict[str, set[str]]:
     return {extra: all_of(extra) for extra in direct}
 
 
-def extras() -> Iterator[Finding]:
+def extras() -> Iterator[CheckLine]:
     """Check which extras are installed; name the install line of those that are not."""
     try:
         lines = importlib.metadata.requires("slowtime") or []
     except importlib.metadata.PackageNotFoundError:
         text = "slowtime runs from a folder, not from an installation"
-        yield Finding(EXTRAS, "all", "note", text, "pip install -e '.[all]'")
+        yield CheckLine(EXTRAS, "all", "note", text, "pip install -e '.[all]'")
         return
     for extra, needed in sorted(requirements(lines).items()):
         if extra.startswith(FOR_DEVELOPERS):
@@ -102,12 +104,12 @@ def extras() -> Iterator[Finding]:
         missing = sorted(name for name in needed if installed_version(name) is None)
         if missing:
             text = f"absent: {', '.join(missing)}"
-            yield Finding(EXTRAS, extra, "note", text, f"pip install 'slowtime[{extra}]'")
+            yield CheckLine(EXTRAS, extra, "note", text, f"pip install 'slowtime[{extra}]'")
         else:
-            yield Finding(EXTRAS, extra, "ok", "installed")
+            yield CheckLine(EXTRAS, extra, "ok", "installed")
 
 
-def write_access(folder: Path) -> Iterator[Finding]:
+def write_access(folder: Path) -> Iterator[CheckLine]:
     """Check that files can be written in a folder and in the one for temporary files."""
     advice = "Give this user the right to write there, or use another folder."
     for name, place in (("folder", folder), ("temporary files", Path(tempfile.gettempdir()))):
@@ -117,12 +119,12 @@ def write_access(folder: Path) -> Iterator[Finding]:
                 file.flush()
         except OSError as error:
             text = f"{place.resolve()}: {error.strerror}"
-            yield Finding(WRITING, name, "problem", text, advice)
+            yield CheckLine(WRITING, name, "problem", text, advice)
         else:
-            yield Finding(WRITING, name, "ok", str(place.resolve()))
+            yield CheckLine(WRITING, name, "ok", str(place.resolve()))
 
 
-def compiled_code() -> Iterator[Finding]:
+def compiled_code() -> Iterator[CheckLine]:
     """Check whether compiled code is kept on disk."""
     if importlib.util.find_spec("numba") is None:
         return  # said among the extras
@@ -133,14 +135,14 @@ def compiled_code() -> Iterator[Finding]:
     places = [Path(stated)] if stated else [package, *_home()]
     count = sum(1 for _ in places[0].rglob("*.nbi"))
     if count:
-        yield Finding(
+        yield CheckLine(
             WRITING, "compiled code", "ok", f"{count} functions kept below {places[0]}"
         )
         return
     usable = any(os.access(place, os.W_OK) for place in places)
     advice = "" if usable else "Set NUMBA_CACHE_DIR to a folder that this user may write."
     text = "none yet; the first diagnosis or simulation compiles it, for up to a minute"
-    yield Finding(WRITING, "compiled code", "note", text, advice)
+    yield CheckLine(WRITING, "compiled code", "note", text, advice)
 
 
 def _home() -> list[Path]:

@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from . import installation, surroundings
-from .findings import Finding
+from .findings import CheckLine
 
 COLOURS = {"ok": "green", "note": "yellow", "problem": "red"}
 
@@ -39,7 +39,7 @@ def checked(
     mqtt: str | None,
     folder: Path,
     timeout_s: float,
-) -> Iterator[Finding]:
+) -> Iterator[CheckLine]:
     """Run the checks one after the other."""
     yield from installation.versions()
     yield from installation.extras()
@@ -52,7 +52,7 @@ def checked(
     yield from installation.compiled_code()
 
 
-def print_findings(found: Iterable[Finding]) -> None:
+def print_findings(found: Iterable[CheckLine]) -> None:
     """Print findings by groups, and the number of problems."""
     found = sorted(found, key=lambda one: GROUPS.index(one.group))
     for group, members in itertools.groupby(found, key=lambda one: one.group):

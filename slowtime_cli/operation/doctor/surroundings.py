@@ -17,7 +17,7 @@ from urllib.parse import urlsplit
 
 from slowtime_cli.shared.options import endpoints
 
-from .findings import Finding
+from .findings import CheckLine
 
 NETWORK = "Network"
 CLOCK = "Clock"
@@ -32,7 +32,7 @@ MQTT_PORT = 1883
 
 def router(
     connect: Sequence[str], credentials: Path | None, timeout_s: float
-) -> Iterator[Finding]:
+) -> Iterator[CheckLine]:
     """Check that a Zenoh router answers, and which edge agents and servers are online."""
     connect = endpoints(connect, credentials)
     name, where = "router", ", ".join(connect)
@@ -41,7 +41,7 @@ def router(
         from slowtime_services.credentials import options_for
     except ImportError as error:
         advice = "Install it again: pip install --force-reinstall eclipse-zenoh"
-        yield Finding(NETWORK, name, "problem", f"Zenoh cannot be loaded: {error}", advice)
+        yield CheckLine(NETWORK, name, "problem", f"Zenoh cannot be loaded: {error}", advice)
         return
     logging.getLogger("slowtime_services").setLevel(logging.CRITICAL)
     try:
@@ -56,13 +56,13 @@ def router(
     except BusUnreachableError:
         yield _no_router(name, where, connect, timeout_s)
     except (ValueError, OSError) as error:
-        yield Finding(NETWORK, name, "problem", f"{where}: {error}", "Check --credentials.")
+        yield CheckLine(NETWORK, name, "problem", f"{where}: {error}", "Check --credentials.")
     else:
         online = f"{len(watched)} processes online" if watched else "no process online"
-        yield Finding(NETWORK, name, "ok", f"answers at {where}; {online}")
+        yield CheckLine(NETWORK, name, "ok", f"answers at {where}; {online}")
 
 
-def _no_router(name: str, where: str, connect: Sequence[str], timeout_s: float) -> Finding:
+def _no_router(name: str, where: str, connect: Sequence[str], timeout_s: float) -> CheckLine:
     for endpoint in connect:
         host, _, port = endpoint.partition("/")[2].rpartition(":")
         if port.isdigit() and _listens(host.strip("[]"), int(port), timeout_s):
@@ -70,16 +70,16 @@ def _no_router(name: str, where: str, connect: Sequence[str], timeout_s: float) 
                 f"{endpoint} is used by a program that is not a router (or by a router that "
                 "requires credentials)"
             )
-            return Finding(
+            return CheckLine(
                 NETWORK, name, "problem", text,
                 "Stop that program, start the router on another port (slowtime router "
                 "--listen ...), or give --credentials.",
             )  # fmt: skip
     text = f"nothing listens at {where}; the port is free"
-    return Finding(NETWORK, name, "note", text, "Start one: slowtime router")
+    return CheckLine(NETWORK, name, "note", text, "Start one: slowtime router")
 
 
-def twin_server(url: str, timeout_s: float) -> Iterator[Finding]:
+def twin_server(url: str, timeout_s: float) -> Iterator[CheckLine]:
     """Check that a twin server answers, is ready, and agrees about the time."""
     name = "twin server"
     began = time.time()
@@ -89,20 +89,20 @@ def twin_server(url: str, timeout_s: float) -> Iterator[Finding]:
             date = answer.headers.get("Date")
     except urllib.error.HTTPError as error:
         text = f"{url} answers with status {error.code}: it is not a twin server"
-        yield Finding(NETWORK, name, "problem", text, _ANOTHER_PORT)
+        yield CheckLine(NETWORK, name, "problem", text, _ANOTHER_PORT)
         return
     except (ValueError, http.client.HTTPException):
         text = f"{url} is used by another program"
-        yield Finding(NETWORK, name, "problem", text, _ANOTHER_PORT)
+        yield CheckLine(NETWORK, name, "problem", text, _ANOTHER_PORT)
         return
     except OSError as error:
         yield _no_server(name, url, error, timeout_s)
         return
     if not healthy:
         text = f"{url} is used by another program"
-        yield Finding(NETWORK, name, "problem", text, _ANOTHER_PORT)
+        yield CheckLine(NETWORK, name, "problem", text, _ANOTHER_PORT)
         return
-    yield Finding(NETWORK, name, "ok", f"answers at {url}")
+    yield CheckLine(NETWORK, name, "ok", f"answers at {url}")
     if date:
         yield from _offset(date, (began + time.time()) / 2)
 
@@ -110,23 +110,23 @@ def twin_server(url: str, timeout_s: float) -> Iterator[Finding]:
 _ANOTHER_PORT = "End that program, or use another port: slowtime twin --port 8001"
 
 
-def _no_server(name: str, url: str, error: OSError, timeout_s: float) -> Finding:
+def _no_server(name: str, url: str, error: OSError, timeout_s: float) -> CheckLine:
     parts = urlsplit(url)
     host, port = parts.hostname or "", parts.port or (443 if parts.scheme == "https" else 80)
     reason = getattr(error, "reason", error)
     if isinstance(reason, ssl.SSLError):
-        return Finding(
+        return CheckLine(
             NETWORK, name, "problem", f"{url}: {reason}",
             "Make this computer trust the server's certificate: SSL_CERT_FILE=ca.pem",
         )  # fmt: skip
     if _listens(host, port, timeout_s):
         text = f"{url} is taken by a program that does not speak HTTP, or is too slow"
-        return Finding(NETWORK, name, "problem", text, _ANOTHER_PORT)
+        return CheckLine(NETWORK, name, "problem", text, _ANOTHER_PORT)
     text = f"nothing listens at {url}; the port is free"
-    return Finding(NETWORK, name, "note", text, "Start one: slowtime twin (or slowtime demo)")
+    return CheckLine(NETWORK, name, "note", text, "Start one: slowtime twin (or slowtime demo)")
 
 
-def _offset(date: str, now_s: float) -> Iterator[Finding]:
+def _offset(date: str, now_s: float) -> Iterator[CheckLine]:
     try:
         there_s = email.utils.parsedate_to_datetime(date).timestamp()
     except ValueError:
@@ -135,12 +135,12 @@ def _offset(date: str, now_s: float) -> Iterator[Finding]:
     text = f"{offset_s:+.0f} s from that of the twin server"
     if abs(offset_s) > MAX_OFFSET_S:
         advice = "Set the clock that is wrong; readings from the future are not accepted."
-        yield Finding(CLOCK, "difference", "problem", text, advice)
+        yield CheckLine(CLOCK, "difference", "problem", text, advice)
     else:
-        yield Finding(CLOCK, "difference", "ok", text)
+        yield CheckLine(CLOCK, "difference", "ok", text)
 
 
-def mqtt(address: str, timeout_s: float) -> Iterator[Finding]:
+def mqtt(address: str, timeout_s: float) -> Iterator[CheckLine]:
     """Check that an MQTT broker accepts a connection without a user name."""
     host, _, port = address.partition(":")
     name = "MQTT broker"
@@ -152,20 +152,20 @@ def mqtt(address: str, timeout_s: float) -> Iterator[Finding]:
             told = link.recv(4)
     except OSError as error:
         text = f"{host}:{number}: {error}"
-        yield Finding(NETWORK, name, "problem", text, "Start one: mosquitto -p 1883")
+        yield CheckLine(NETWORK, name, "problem", text, "Start one: mosquitto -p 1883")
         return
     if told[:2] != b"\x20\x02":
         text = f"{host}:{number} is not an MQTT broker"
-        yield Finding(NETWORK, name, "problem", text, "Give its HOST:PORT; TLS is not tried.")
+        yield CheckLine(NETWORK, name, "problem", text, "Give its HOST:PORT; TLS is not tried.")
     elif told[3:] == b"\0":
-        yield Finding(NETWORK, name, "ok", f"answers at {host}:{number}")
+        yield CheckLine(NETWORK, name, "ok", f"answers at {host}:{number}")
     else:
         text = f"{host}:{number} answers, and refuses with code {told[3]}"
         advice = "Give user and password in the URL of the source: mqtt://USER:PASSWORD@HOST"
-        yield Finding(NETWORK, name, "note", text, advice)
+        yield CheckLine(NETWORK, name, "note", text, advice)
 
 
-def clock(timeout_s: float) -> Iterator[Finding]:
+def clock(timeout_s: float) -> Iterator[CheckLine]:
     """Check that the clock was set, and whether the system keeps it so."""
     installed_s = Path(__file__).stat().st_mtime
     now_s = time.time()
@@ -173,16 +173,16 @@ def clock(timeout_s: float) -> Iterator[Finding]:
     if now_s < installed_s - 86_400.0:
         text = f"{said} is before slowtime was installed"
         advice = "Set it; readings are stamped with it."
-        yield Finding(CLOCK, "time", "problem", text, advice)
+        yield CheckLine(CLOCK, "time", "problem", text, advice)
     else:
-        yield Finding(CLOCK, "time", "ok", said)
+        yield CheckLine(CLOCK, "time", "ok", said)
     kept = _synchronized(timeout_s)
     if kept is False:
         advice = "Turn it on where edge agents run: timedatectl set-ntp true"
-        yield Finding(CLOCK, "synchronised", "note", "not by NTP", advice)
+        yield CheckLine(CLOCK, "synchronised", "note", "not by NTP", advice)
     else:
         text = "by NTP" if kept else "not known: this system does not say"
-        yield Finding(CLOCK, "synchronised", "ok" if kept else "note", text)
+        yield CheckLine(CLOCK, "synchronised", "ok" if kept else "note", text)
 
 
 def _synchronized(timeout_s: float) -> bool | None:

@@ -6,7 +6,7 @@ import click
 
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING
-from slowtime_cli.shared.options import Number
+from slowtime_cli.shared.options import Real
 
 
 @click.command(
@@ -31,14 +31,14 @@ docs/design.md lists what it may hold.
     "--alpha",
     "alphas",
     multiple=True,
-    type=Number(min=0, max=1),
+    type=Real(min=0, max=1),
     help="Weight of the mean in the objective, instead of the file's: 1 is the mean alone, 0 "
     "the standard deviation alone. May be repeated: a table compares the designs.",
 )
 @click.option(
     "--cov",
     "variation",
-    type=Number(min=0, max=1, min_open=True, max_open=True),
+    type=Real(min=0, max=1, min_open=True, max_open=True),
     default=0.02,
     show_default=True,
     help="Coefficient of variation of the verified probabilities of failure.",

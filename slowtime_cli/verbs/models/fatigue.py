@@ -6,7 +6,7 @@ import click
 
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING, record_flags
-from slowtime_cli.shared.options import POSITIVE, Number
+from slowtime_cli.shared.options import POSITIVE, Real
 from slowtime_cli.verbs.models.virtual import model_flags
 
 
@@ -47,21 +47,21 @@ range^slope, at the median. A constant for amplitudes is multiplied by 2^slope.
 )
 @click.option(
     "--knee",
-    type=Number(min=0),
+    type=Real(min=0),
     default=0.0,
     help="Stress range at the knee, below which the second slope holds.",
 )
 @click.option("--sn2", "lower_slope", type=POSITIVE, help="Slope below the knee.")
 @click.option(
     "--cut-off",
-    type=Number(min=0),
+    type=Real(min=0),
     default=0.0,
     help="Cut-off: stress range below which there is no damage.",
 )
 @click.option(
     "--sn-sd",
     "log10_sd",
-    type=Number(min=0),
+    type=Real(min=0),
     default=0.2,
     show_default=True,
     help="Standard deviation of log10 of the life (DNV-RP-C203: 0.2 for welded steel).",
@@ -74,7 +74,7 @@ range^slope, at the median. A constant for amplitudes is multiplied by 2^slope.
     help="Correction for the mean stress of cycles; needs --strength.",
 )
 @click.option("--strength", type=POSITIVE, help="Tensile strength, in the unit of the stress.")
-@click.option("--constant-mean", type=Number(), default=0.0, help="Static (mean) stress.")
+@click.option("--constant-mean", type=Real(), default=0.0, help="Static (mean) stress.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON, with the histogram.")
 def fatigue(model: Path | None, **given: object) -> None:
     """Count stress cycles and sum fatigue damage, with its scatter.

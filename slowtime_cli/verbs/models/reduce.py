@@ -6,7 +6,7 @@ import click
 
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING
-from slowtime_cli.shared.options import POSITIVE, Number, OutFile
+from slowtime_cli.shared.options import POSITIVE, OutFile, Real
 
 
 @click.command(
@@ -44,7 +44,7 @@ modes of a model file (.yaml or .json) that --out writes.
 )
 @click.option(
     "--span",
-    type=Number(min=0, max=1, min_open=True, max_open=True),
+    type=Real(min=0, max=1, min_open=True, max_open=True),
     default=0.3,
     show_default=True,
     help="Largest relative change of a parameter for which the model must hold.",

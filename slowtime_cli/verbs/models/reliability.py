@@ -6,7 +6,7 @@ import click
 
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING
-from slowtime_cli.shared.options import Number
+from slowtime_cli.shared.options import Real
 from slowtime_cli.shared.report_flags import report_flags
 
 METHODS = (
@@ -55,7 +55,7 @@ your own.
 @click.option(
     "--cov",
     "variation",
-    type=Number(min=0, max=1, min_open=True, max_open=True),
+    type=Real(min=0, max=1, min_open=True, max_open=True),
     default=0.05,
     show_default=True,
     help="Coefficient of variation of the probability at which sampling stops.",

@@ -4,7 +4,7 @@ import click
 
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING
-from slowtime_cli.shared.options import Number, OutFile
+from slowtime_cli.shared.options import OutFile, Real
 
 
 @click.command(
@@ -25,7 +25,7 @@ MODEL has `slowtime_model: 2` with `matrices` or `frame`, parameters and sensors
 @click.argument("modes", type=EXISTING)
 @click.option(
     "--frequency-error",
-    type=Number(min=0, max=1),
+    type=Real(min=0, max=1),
     default=0.002,
     show_default=True,
     help="Relative standard deviation of frequencies due to model errors that no parameter "
@@ -33,7 +33,7 @@ MODEL has `slowtime_model: 2` with `matrices` or `frame`, parameters and sensors
 )
 @click.option(
     "--shape-error",
-    type=Number(min=0, max=1),
+    type=Real(min=0, max=1),
     default=0.02,
     show_default=True,
     help="Standard deviation of components of shapes of norm 1 due to model errors that no "

@@ -6,7 +6,7 @@ import click
 
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING, F, record_flags
-from slowtime_cli.shared.options import POSITIVE, Number, OutFile
+from slowtime_cli.shared.options import POSITIVE, OutFile, Real
 
 QUANTITIES = ("displacement", "drift", "force", "moment")
 MODEL: tuple[Callable[[F], F], ...] = (
@@ -33,14 +33,14 @@ MODEL: tuple[Callable[[F], F], ...] = (
     ),
     click.option(
         "--factor",
-        type=Number(),
+        type=Real(),
         help="Factor from SI units to the unit given with --factor-unit; for stress in MPa "
         "from a force: 1e-6 / area in m^2.",
     ),
     click.option("--factor-unit", help="Unit of the values after --factor.  [default: SI]"),
     click.option(
         "--factor-sd",
-        type=Number(min=0),
+        type=Real(min=0),
         default=0.0,
         show_default=True,
         help="Relative standard deviation of --factor.",

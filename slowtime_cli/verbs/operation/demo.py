@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from slowtime_cli.shared.deferred import Deferred
-from slowtime_cli.shared.options import Number, OutFile
+from slowtime_cli.shared.options import OutFile, Real
 
 
 @click.command(
@@ -33,7 +33,7 @@ Examples:
     "duration_s",
     default=0.0,
     show_default=True,
-    type=Number(min=0),
+    type=Real(min=0),
     help="Seconds to run; 0 until Ctrl-C.",
 )
 @click.option(
@@ -47,7 +47,7 @@ Examples:
     "epochs_per_s",
     default=5.0,
     show_default=True,
-    type=Number(min=0, min_open=True, max=50),
+    type=Real(min=0, min_open=True, max=50),
     help="Epochs per second of each edge agent.",
 )
 @click.option(

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from slowtime_cli.shared.deferred import Deferred
-from slowtime_cli.shared.options import Number, connect_option, credentials_option
+from slowtime_cli.shared.options import Real, connect_option, credentials_option
 
 
 @click.command(
@@ -37,7 +37,7 @@ Examples:
 )
 @click.option(
     "--timeout-s",
-    type=Number(min=0.1),
+    type=Real(min=0.1),
     default=2.0,
     show_default=True,
     help="How long to wait for each answer.",

@@ -10,7 +10,7 @@ from slowtime_cli.shared.flags import EXISTING, SettingsFile, unit_flags
 from slowtime_cli.shared.options import (
     POSITIVE,
     Name,
-    Number,
+    Real,
     connect_option,
     credentials_option,
     together,
@@ -76,7 +76,7 @@ underscores); flags overrule the environment, which overrules the file.
 @unit_flags
 @click.option(
     "--speed",
-    type=Number(min=0),
+    type=Real(min=0),
     default=1.0,
     show_default=True,
     help="Pace of --file or --recording; 0 as fast as possible.",
@@ -98,7 +98,7 @@ underscores); flags overrule the environment, which overrules the file.
 @click.option(
     "--band-hz",
     nargs=2,
-    type=Number(min=0),
+    type=Real(min=0),
     metavar="LO HI",
     help="Frequency band of the modes.",
 )

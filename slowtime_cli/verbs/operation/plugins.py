@@ -3,7 +3,7 @@
 import click
 
 from slowtime_cli.shared.deferred import Deferred
-from slowtime_cli.shared.options import Number
+from slowtime_cli.shared.options import Real
 
 
 @click.command(
@@ -20,7 +20,7 @@ A plug-in is an entry point of an installed distribution, in the group slowtime.
 )
 @click.option(
     "--timeout-s",
-    type=Number(min=0.1),
+    type=Real(min=0.1),
     default=30.0,
     show_default=True,
     help="How long the import of each may take.",

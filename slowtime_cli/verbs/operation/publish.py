@@ -3,7 +3,7 @@
 import click
 
 from slowtime_cli.shared.deferred import Deferred
-from slowtime_cli.shared.options import POSITIVE, ROUTER, Endpoint, Number
+from slowtime_cli.shared.options import POSITIVE, ROUTER, Endpoint, Real
 
 
 @click.command(
@@ -36,14 +36,14 @@ Examples:
 )
 @click.option(
     "--clock-error",
-    type=Number(min=-0.05, max=0.05),
+    type=Real(min=-0.05, max=0.05),
     default=0.0,
     show_default=True,
     help="Relative error of the sensor's clock; positive if fast.",
 )
 @click.option(
     "--loss",
-    type=Number(min=0, max=1),
+    type=Real(min=0, max=1),
     default=0.0,
     show_default=True,
     help="Share of messages lost.",

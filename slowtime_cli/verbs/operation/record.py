@@ -7,8 +7,8 @@ import click
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.options import (
     Name,
-    Number,
     OutFile,
+    Real,
     Size,
     connect_option,
     credentials_option,
@@ -50,7 +50,7 @@ Examples:
     "duration_s",
     default=0.0,
     show_default=True,
-    type=Number(min=0),
+    type=Real(min=0),
     help="Seconds to record; 0 until Ctrl-C.",
 )
 @click.option("--number", is_flag=True, help="If OUT exists, append a number to its name.")

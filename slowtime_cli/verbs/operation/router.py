@@ -7,7 +7,7 @@ from slowtime_cli.shared.options import (
     ROUTER,
     Endpoint,
     Name,
-    Number,
+    Real,
     connect_option,
     credentials_option,
 )
@@ -62,7 +62,7 @@ Examples:
     "--timeout-s",
     default=4.0,
     show_default=True,
-    type=Number(min=0.1),
+    type=Real(min=0.1),
     help="How long to wait.",
 )
 def status(**_given: object) -> None:

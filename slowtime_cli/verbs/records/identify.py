@@ -6,7 +6,7 @@ import click
 
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING, record_flags
-from slowtime_cli.shared.options import POSITIVE, Names, Number, OutFile
+from slowtime_cli.shared.options import POSITIVE, Names, OutFile, Real
 from slowtime_cli.shared.report_flags import language_flag
 
 ALL_CHANNELS = ("modes", "bayes", "efdd", "fdd")
@@ -40,7 +40,7 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
 @click.option(
     "--band-hz",
     nargs=2,
-    type=Number(),
+    type=Real(),
     metavar="LO HI",
     help="Frequency band of the modes that are reported. Modes beside it are modelled too, so "
     "that its edges change nothing.  [default: from a few cycles to 0.45 of the rate]",

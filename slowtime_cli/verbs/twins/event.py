@@ -6,10 +6,10 @@ import click
 
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING, F
-from slowtime_cli.shared.options import POSITIVE, Name, Number, PlainText, server_option
+from slowtime_cli.shared.options import POSITIVE, Name, PlainText, Real, server_option
 
 KINDS = ("repair", "replacement", "inspection", "load_test", "note")
-SHARE = Number(min=0, max=1)
+SHARE = Real(min=0, max=1)
 
 
 def _said(function: F) -> F:
@@ -67,13 +67,13 @@ def event() -> None:
 @click.option(
     "--at", help="When: RFC 3339, by the sensor's clock; else after the latest reading."
 )
-@click.option("--slow-time", type=Number(), help="When, in slow time; instead of --at.")
+@click.option("--slow-time", type=Real(), help="When, in slow time; instead of --at.")
 @click.option("--perfect", is_flag=True, help="Of a repair: all damage is restored.")
 @click.option("--restored-share", type=SHARE, help="Of a repair: restored share of the damage.")
 @click.option(
-    "--sd", type=Number(min=0), help="Standard deviation of the share or the measured value."
+    "--sd", type=Real(min=0), help="Standard deviation of the share or the measured value."
 )
-@click.option("--value", type=Number(min=-1), help="Measured change, or that of a new part.")
+@click.option("--value", type=Real(min=-1), help="Measured change, or that of a new part.")
 @click.option(
     "--detected/--not-detected",
     default=None,

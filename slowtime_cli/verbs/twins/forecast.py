@@ -5,7 +5,7 @@ from typing import Any
 import click
 
 from slowtime_cli.shared.deferred import Deferred
-from slowtime_cli.shared.options import POSITIVE, Number, OutFile
+from slowtime_cli.shared.options import POSITIVE, OutFile, Real
 from slowtime_cli.verbs.twins.twin_flags import refuse_incomplete_query, twin_flags
 
 
@@ -40,7 +40,7 @@ of features, or text with the columns slow_time, frequency_hz, frequency_sd.
 )
 @click.option(
     "--threshold",
-    type=Number(min=-1),
+    type=Real(min=-1),
     help="Threshold of a change, besides those of the registration.",
 )
 @click.option("--quantity", help="Quantity of the threshold, if several are estimated.")

@@ -5,7 +5,7 @@ from typing import Any
 import click
 
 from slowtime_cli.shared.deferred import Deferred
-from slowtime_cli.shared.options import POSITIVE, Number, OutFile
+from slowtime_cli.shared.options import POSITIVE, OutFile, Real
 from slowtime_cli.shared.report_flags import report_flags
 from slowtime_cli.verbs.twins.twin_flags import refuse_incomplete_query, twin_flags
 
@@ -29,7 +29,7 @@ docs/maintenance_plan.md.
 @twin_flags
 @click.option(
     "--lead-time",
-    type=Number(min=0),
+    type=Real(min=0),
     help="From the order of a repair to its effect, in the unit of the costs; instead of the "
     "one registered.",
 )
@@ -41,7 +41,7 @@ docs/maintenance_plan.md.
 )
 @click.option(
     "--accepted",
-    type=Number(min=0, max=1),
+    type=Real(min=0, max=1),
     help="Accepted probability of a failure before a repair takes effect, by which the last "
     "safe day is judged; instead of the one registered.",
 )
@@ -68,7 +68,7 @@ docs/maintenance_plan.md.
     help="For a fleet: days within which teams inspect.",
 )
 @click.option(
-    "--budget", type=Number(min=0), help="For a fleet: budget for all inspections together."
+    "--budget", type=Real(min=0), help="For a fleet: budget for all inspections together."
 )
 @click.option(
     "--out",

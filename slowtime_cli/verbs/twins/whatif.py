@@ -7,7 +7,7 @@ import click
 
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING
-from slowtime_cli.shared.options import POSITIVE, Number, OutFile
+from slowtime_cli.shared.options import POSITIVE, OutFile, Real
 from slowtime_cli.verbs.twins.twin_flags import refuse_incomplete_query, twin_flags
 
 NEEDED = {"harmonic": ("amplitude", "frequency_hz"), "step": ("amplitude",), "white": ("psd",)}
@@ -36,15 +36,11 @@ A load on the base is an acceleration [m/s^2], on a node of the model a force [N
     type=click.Choice(["harmonic", "step", "white", "recorded"]),
     help="Kind of load.",
 )
-@click.option("--amplitude", type=Number(), help="Amplitude of a harmonic or a step.")
+@click.option("--amplitude", type=Real(), help="Amplitude of a harmonic or a step.")
 @click.option("--frequency-hz", type=POSITIVE, help="Frequency of a harmonic.")
-@click.option(
-    "--phase-deg", type=Number(-360, 360), help="Phase of a harmonic; it is a cosine."
-)
-@click.option("--at-s", type=Number(min=0), help="Start of a step.")
-@click.option(
-    "--psd", type=Number(min=0), help="Density of white noise, one-sided [unit^2/Hz]."
-)
+@click.option("--phase-deg", type=Real(-360, 360), help="Phase of a harmonic; it is a cosine.")
+@click.option("--at-s", type=Real(min=0), help="Start of a step.")
+@click.option("--psd", type=Real(min=0), help="Density of white noise, one-sided [unit^2/Hz].")
 @click.option("--record", type=EXISTING, help="File that holds a recorded load.")
 @click.option("--channel", help="Channel of that file; by default its only one.")
 @click.option(
@@ -67,7 +63,7 @@ A load on the base is an acceleration [m/s^2], on a node of the model a force [N
 @click.option("--rate-hz", type=POSITIVE, help="Samples per second.")
 @click.option(
     "--level",
-    type=Number(0, 1, min_open=True, max_open=True),
+    type=Real(0, 1, min_open=True, max_open=True),
     default=0.95,
     show_default=True,
     help="Probability of the bands.",

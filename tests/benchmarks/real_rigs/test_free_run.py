@@ -10,7 +10,7 @@ import scipy.integrate
 from benchmarks.real_rigs.peers import known_law
 from benchmarks.real_rigs.peers.free_run import FreeRuns
 from benchmarks.real_rigs.peers.integrator import accelerate
-from benchmarks.real_rigs.peers.laws import LIBRARIES, NAMES, Law, States, terms_at
+from benchmarks.real_rigs.peers.laws import LIBRARIES, NAMES, PeerLaw, States, terms_at
 from benchmarks.real_rigs.peers.task import folds, head_of, read_rig, read_task
 from benchmarks.real_rigs.pieces import Piece, Pieces
 from benchmarks.real_rigs.sets import MODELS, SETS
@@ -24,7 +24,7 @@ def law(**coefficients):
     values = np.zeros((1, len(NAMES), 1))
     for name, value in coefficients.items():
         values[0, NAMES.index({"friction": "sign(v{0})", "cubic": "e{0}^3"}[name]), 0] = value
-    return Law(values, 1.0, SLIP)
+    return PeerLaw(values, 1.0, SLIP)
 
 
 def piece_of(angle):
@@ -99,7 +99,7 @@ def test_the_compiled_acceleration_is_that_of_the_terms_of_the_regression():
     rig = read_rig(MODELS / "three_storey.yaml")
     slip = np.array([0.1, 0.2, 0.3])
     shape = (len(rig.to), len(NAMES), rig.size)
-    mixed = Law(rng.standard_normal(shape), 0.7, slip, 1.3)
+    mixed = PeerLaw(rng.standard_normal(shape), 0.7, slip, 1.3)
     x, v, force = rng.standard_normal((3, rig.size))
     found = np.empty(rig.size)
     numbers = (mixed.coefficients, mixed.nominal, mixed.gain, mixed.slip)

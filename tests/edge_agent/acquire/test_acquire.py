@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from edge_agent.acquire import ADOPT_AFTER, Admission, Pacer, open_source
-from edge_agent.settings import AdmissionSettings, FileInput, SimulatedInput
+from edge_agent.settings import BlockAdmissionSettings, FileInput, SimulatedInput
 from slowtime.signals.block import Block
 from slowtime_services.clock import HandClock, SystemClock
 from slowtime_services.simulate import SimulatedStructure
@@ -32,7 +32,7 @@ def block_at(index, count=100, **more):
 
 def judge(blocks, *, time_base="live", now_ns=NOW_NS, **chosen):
     """The word for each block: the reason why it was refused, or None."""
-    stage = Admission(AdmissionSettings(**chosen), time_base)
+    stage = Admission(BlockAdmissionSettings(**chosen), time_base)
     state, words = stage.start(), []
     for block in blocks:
         state, refusal = stage.step(state, block, now_ns)
@@ -105,7 +105,7 @@ def test_bad_blocks_that_contradict_each_other_are_never_taken_up():
 
 
 def test_the_state_does_not_keep_samples_alive():
-    stage = Admission(AdmissionSettings())
+    stage = Admission(BlockAdmissionSettings())
     state, _ = stage.step(stage.start(), block_at(0, count=100_000), NOW_NS)
     assert state.last is not None
     assert state.last.samples.strides == (0, 0)

@@ -11,10 +11,10 @@ from edge_agent.settings import EdgeSettings, ExtractSettings, Origin
 from slowtime.identification.single_mode.sliding_windows import Tracker
 from slowtime.signals.block import Block
 from slowtime_schemas.messages import Features
-from slowtime_services.simulate import Sensor, SimulatedStructure
+from slowtime_services.simulate import SensorErrors, SimulatedStructure
 
 ORIGIN = Origin(site="lab", asset="beam", boot="b1", time_base="simulated", slow_time_unit="T0")
-STRUCTURE = SimulatedStructure(seconds=60.0, sensor=Sensor(noise=0.02))
+STRUCTURE = SimulatedStructure(seconds=60.0, sensor=SensorErrors(noise=0.02))
 
 
 def unmarked(block):

@@ -22,14 +22,14 @@ from slowtime_schemas.messages import Features
 from slowtime_schemas.raw import encode_raw
 from slowtime_schemas.streams import FEATURES
 from slowtime_services.replay import block_of
-from slowtime_services.simulate import Linear, Machine, Sensor, SimulatedFrame
+from slowtime_services.simulate import Linear, Machine, SensorErrors, SimulatedFrame
 
 ORIGIN = Origin(site="lab", asset="frame", boot="b1", time_base="simulated")
 FRAME = SimulatedFrame(
     seconds=120.0,
     rate_hz=50.0,
     stiffness={"storey2": Linear(rate=-0.01)},
-    sensor=Sensor(noise=0.1, spikes_per_epoch=0.5, dropouts_per_epoch=0.2),
+    sensor=SensorErrors(noise=0.1, spikes_per_epoch=0.5, dropouts_per_epoch=0.2),
 )
 SHAPES = {2.0: [1.0, 2.0, 3.0], 6.0: [1.0, 0.1, -1.0], 9.0: [1.0, -2.0, 1.0]}
 
@@ -62,7 +62,7 @@ def scripted(monkeypatch):
 
         monkeypatch.setattr(several, "identify_modes", identify)
         stage = Extract(ExtractSettings(method="modes", **settings), ORIGIN)
-        (block,) = FRAME.model_copy(update={"sensor": Sensor()}).epoch(0)
+        (block,) = FRAME.model_copy(update={"sensor": SensorErrors()}).epoch(0)
         out: tuple[Features, ...] = ()
         state = stage.start()
         for place, number in enumerate(numbers or range(len(windows))):

@@ -8,8 +8,8 @@ import threading
 
 import pytest
 
-from slowtime_services.batches import Batch, cases_of, run_batch, write_summary
-from slowtime_services.engines import LocalEngine, Outcome
+from slowtime_services.batches import CaseBatch, cases_of, run_batch, write_summary
+from slowtime_services.engines import JobEnd, LocalEngine
 
 REPORT = {
     "verdict": "missing_effect",
@@ -103,7 +103,7 @@ def batch(rigs, tmp_path):
     def command(case, into):
         return (sys.executable, "-c", code, case.name, str(into))
 
-    return Batch(cases=cases_of(rigs), out=tmp_path / "out", command=command), log
+    return CaseBatch(cases=cases_of(rigs), out=tmp_path / "out", command=command), log
 
 
 def run(batch, stop=None):
@@ -161,6 +161,6 @@ def test_the_table_has_a_row_for_each_case(batch):
 
 
 def test_a_case_without_a_diagnosis_has_its_status(tmp_path):
-    path = write_summary(tmp_path, [Outcome("x", "too_slow", 60.0, 1)])
+    path = write_summary(tmp_path, [JobEnd("x", "too_slow", 60.0, 1)])
     (row,) = csv.DictReader(path.read_text().splitlines())
     assert (row["status"], row["verdict"]) == ("too_slow", "")

@@ -10,15 +10,15 @@ import pytest
 
 from slowtime_services.engines import (
     Job,
-    Limits,
+    JobEnd,
+    JobLimits,
     LocalEngine,
-    Outcome,
     engine_for,
     run_job,
     usable_cores,
 )
 
-NONE = Limits()
+NONE = JobLimits()
 
 
 @pytest.fixture
@@ -71,20 +71,20 @@ def test_jobs_run_beside_each_other(job, tmp_path):
         "while not pathlib.Path('{1}').exists(): time.sleep(0.01)\n"
     )
     jobs = [job("one", code.format("a", "b")), job("other", code.format("b", "a"))]
-    found = outcomes(LocalEngine(2), jobs, Limits(seconds=30.0))
+    found = outcomes(LocalEngine(2), jobs, JobLimits(seconds=30.0))
     assert [one.status for one in found.values()] == ["done", "done"]
 
 
 def test_a_job_that_takes_too_long_is_ended(job):
     begun = time.monotonic()
-    found = run_job(job("endless", "while True: pass"), Limits(seconds=0.5))
+    found = run_job(job("endless", "while True: pass"), JobLimits(seconds=0.5))
     assert found.status == "too_slow"
     assert time.monotonic() - begun < 20.0
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="memory is limited on Linux")
 def test_a_job_that_allocates_too_much_is_reported(job):
-    limits = Limits(mebibytes=200)
+    limits = JobLimits(mebibytes=200)
     assert run_job(job("large", "bytearray(1 << 30)"), limits).status == "too_large"
     assert run_job(job("small", "bytearray(1 << 20)"), limits).status == "done"
 
@@ -98,10 +98,10 @@ def test_a_job_that_was_killed_is_run_again(job, tmp_path):
         "    mark.touch()\n"
         "    os.kill(os.getpid(), signal.SIGKILL)\n"
     )
-    found = run_job(job("unlucky", first_dies), Limits(retries=1))
+    found = run_job(job("unlucky", first_dies), JobLimits(retries=1))
     assert (found.status, found.attempts) == ("done", 2)
     always = "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"
-    found = run_job(job("doomed", always), Limits(retries=2))
+    found = run_job(job("doomed", always), JobLimits(retries=2))
     assert (found.status, found.attempts) == ("killed", 3)
 
 
@@ -114,7 +114,7 @@ def test_a_stopped_run_ends_its_processes_and_begins_no_others(job, tmp_path):
         "time.sleep(600)\n"
     )
     jobs = [job("endless", code), job("next", "open('next', 'w')")]
-    told: list[Outcome] = []
+    told: list[JobEnd] = []
     run = threading.Thread(target=lambda: told.extend(LocalEngine(1).run(jobs, NONE, stop)))
     run.start()
     while not (mark := tmp_path / "process").exists() or not mark.read_text():

@@ -7,8 +7,8 @@ import scipy.signal
 from slowtime.identification.modal_fit.identification import identify_responses
 from slowtime_services.files.record import RecordError
 from slowtime_services.frequency_responses import read_responses
-from slowtime_services.frequency_responses.measured import Curve
-from slowtime_services.frequency_responses.spectra import Spectrum, curves_of_spectra
+from slowtime_services.frequency_responses.measured import FrfCurve
+from slowtime_services.frequency_responses.spectra import PowerSpectrum, curves_of_spectra
 
 RATE, COUNT = 256.0, 4096
 TRUE_HZ = np.array([6.0, 21.0, 47.0])
@@ -110,10 +110,10 @@ def test_two_forces_at_once_are_refused():
     hz, autos, cross = spectra()
 
     def spectrum(output, driven, values, unit, is_force):
-        curve = Curve(
+        curve = FrfCurve(
             output=(output, unit), input=(driven, ""), frequency_hz=hz, values=values + 0j
         )
-        return Spectrum(curve=curve, is_force=is_force)
+        return PowerSpectrum(curve=curve, is_force=is_force)
 
     forces = [spectrum(name, name, autos[:, 0], "N^2", False) for name in "fg"]
     crosses = [spectrum("a", name, cross[:, 1], "", False) for name in "fg"]

@@ -11,7 +11,7 @@ import pytest
 from slowtime_schemas.files.modes import ModesFile
 from slowtime_services.files import RecordError
 from slowtime_services.modal import (
-    Place,
+    NodeAxis,
     places_of,
     read_geometry,
     read_modes,
@@ -144,7 +144,11 @@ def test_a_geometry_goes_with_the_modes(tmp_path):
         "channel,x,y,z,direction\nroof,0,0,10,X\nroof2,0,0,10,-Y\nfloor,0,0,5,+X\n"
     )
     geometry = read_geometry(tmp_path / "g.csv")
-    assert geometry.places == {"roof": Place(1, 1), "roof2": Place(1, -2), "floor": Place(2, 1)}
+    assert geometry.places == {
+        "roof": NodeAxis(1, 1),
+        "roof2": NodeAxis(1, -2),
+        "floor": NodeAxis(2, 1),
+    }
     found = drawn(1, ["floor", "roof", "roof2"])
     write_modes(tmp_path / "m.uff", found, geometry)
     sets = pyuff.UFF(str(tmp_path / "m.uff")).read_sets()

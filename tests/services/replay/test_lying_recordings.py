@@ -21,7 +21,7 @@ from slowtime_services.replay import (
     read_recording,
     replay,
 )
-from slowtime_services.replay.ledger_check import Verdict
+from slowtime_services.replay.ledger_check import LedgerCheck
 from slowtime_services.replay.player import LONGEST_PAUSE_S
 from tests.state_machines import steps_in
 
@@ -149,7 +149,7 @@ def features(first, last):
 
 
 def followed(message, held, before=None):
-    found, vouched = Verdict(), set[tuple[str, int]]()
+    found, vouched = LedgerCheck(), set[tuple[str, int]]()
     digests = {("b1", n): bytes([n % 256]) * 32 for n in held}
     with steps_in(FOLDER) as steps:
         ledger_check._follow(ledger_check._Held(digests), before, message, vouched, found)

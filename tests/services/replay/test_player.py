@@ -10,7 +10,7 @@ from slowtime_schemas.streams import ABOUT, FEATURES, HEALTH, alive_key, request
 from slowtime_services.bus import MemoryBus, ZenohBus
 from slowtime_services.clock import HandClock
 from slowtime_services.record import RecordingWriter
-from slowtime_services.replay import Progress, RecordingError, read_recording, replay
+from slowtime_services.replay import RecordingError, ReplayProgress, read_recording, replay
 
 
 @pytest.fixture(params=["memory", "zenoh"])
@@ -151,7 +151,7 @@ def test_the_pace_is_that_of_the_recording_times_speed(house):
 
 def test_progress_ends_at_the_total(house):
     path, _ = house(100)
-    reports: list[Progress] = []
+    reports: list[ReplayProgress] = []
     played = replay(
         path,
         MemoryBus(),

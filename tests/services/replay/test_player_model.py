@@ -25,7 +25,7 @@ from slowtime_services.clock import HandClock
 from slowtime_services.feature_runs import run_and_sequence
 from slowtime_services.record import RecordingWriter
 from slowtime_services.replay import (
-    Recorded,
+    RecordedMessage,
     contents,
     feature_holdings,
     player,
@@ -173,7 +173,7 @@ class PlayerMachine(RuleBasedStateMachine):
         with steps_in(FOLDER) as steps:
             found = list(self.player._again(query(asset, "features", parameters)))
         assert steps.count <= STEPS_OF_ANSWER
-        given = [numbered(Recorded(0, 0, key, payload)) for key, payload in found]
+        given = [numbered(RecordedMessage(0, 0, key, payload)) for key, payload in found]
         assert all(own == run for own, _ in given)
         # One that was passed by a later one may be given before it is played.
         newest = max(self.sequences(run), default=-1)

@@ -11,6 +11,7 @@ from slowtime.identification.modes import Mode
 from slowtime.identification.subspace.stabilisation import Stabilisation
 from slowtime.reliability import Problem, estimate, marginal
 from slowtime_cli.records import mode_tables
+from slowtime_schemas.answers.plans import PLAN_EXAMPLE
 from slowtime_services.diagnose import document_of, write_report
 from slowtime_services.reports import Section, Sketch, Words
 from slowtime_services.reports.kinds.modes import modes_page
@@ -19,7 +20,6 @@ from slowtime_services.reports.kinds.reliability import write_reliability_report
 from slowtime_services.reports.kinds.state import write_state_report
 from slowtime_services.reports.page import write_page
 from tests.services.diagnose.slide import told
-from twin_server.serve.models.plans import PLAN_EXAMPLE
 
 CHANNELS = ("roof", "middle", "ground")
 

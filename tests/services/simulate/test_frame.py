@@ -7,17 +7,17 @@ from pydantic import TypeAdapter, ValidationError
 
 from slowtime_services.simulate import (
     AnyStructure,
-    Constant,
     Linear,
     Machine,
-    Sensor,
+    SensorErrors,
     SimulatedFrame,
     SimulatedStructure,
-    Step,
+    StepLoss,
     Temperature,
+    Unchanged,
 )
 
-SILENT = Sensor(noise=0.0, dtype="<f8")
+SILENT = SensorErrors(noise=0.0, dtype="<f8")
 
 
 def by_hand(storeys, floors):
@@ -48,7 +48,7 @@ def test_truth_is_that_of_the_matrices_with_each_part_changed_in_its_own_way():
         storeys_n_per_m=(1.0e6, 0.9e6, 0.5e6),
         damping_ratio=1e-3,
         stiffness={"storey2": Linear(rate=-1e-3)},
-        mass={"floor3": Step(at_slow_time=50.0, change=0.2)},
+        mass={"floor3": StepLoss(at_slow_time=50.0, change=0.2)},
     )
     truth = frame.truth(100)
     expected, _ = by_hand([1.0e6, 0.81e6, 0.5e6], [900.0, 700.0, 600.0])
@@ -68,7 +68,7 @@ def test_truth_is_that_of_the_matrices_with_each_part_changed_in_its_own_way():
 
 def test_dampers_stay_as_built_and_give_the_lowest_and_highest_mode_their_ratio():
     frame = SimulatedFrame(
-        damping_ratio=0.02, stiffness={f"storey{n}": Constant(change=-0.19) for n in (1, 2, 3)}
+        damping_ratio=0.02, stiffness={f"storey{n}": Unchanged(change=-0.19) for n in (1, 2, 3)}
     )
     built = SimulatedFrame(damping_ratio=0.02).truth(0)
     assert built["damping_ratio"] == pytest.approx(0.02)
@@ -88,7 +88,7 @@ def test_records_ring_in_the_modes_of_the_changed_frame():
         rate_hz=50.0,
         damping_ratio=0.005,
         sensor=SILENT,
-        stiffness={"storey3": Constant(change=-0.3)},
+        stiffness={"storey3": Unchanged(change=-0.3)},
     )
     frequencies, shapes = by_hand([1.2e6, 1.0e6, 0.56e6], [1000.0, 1000.0, 800.0])
     lines, spectra = densities(frame, 12)
@@ -121,7 +121,7 @@ def test_an_epoch_is_the_same_however_many_came_before_it_and_another_seed_is_an
 
 
 def test_sensors_stand_where_they_are_put_and_spoil_each_channel_by_itself():
-    noisy = Sensor(noise=0.1, spikes_per_epoch=3.0, dtype="<f8")
+    noisy = SensorErrors(noise=0.1, spikes_per_epoch=3.0, dtype="<f8")
     frame = SimulatedFrame(sensors=("floor3", "floor1"), sensor=SILENT)
     spoilt = frame.model_copy(update={"sensor": noisy})
     assert frame.channels == spoilt.epoch(0)[0].channels == ("a_floor3", "a_floor1")
@@ -160,7 +160,7 @@ def test_a_changed_copy_is_a_changed_frame():
 
 def test_temperature_softens_every_storey():
     swing = Temperature(swing_c=20.0, period=4.0, stiffness_per_c=-0.005)
-    frame = SimulatedFrame(temperature=swing, stiffness={"storey1": Constant(change=-0.1)})
+    frame = SimulatedFrame(temperature=swing, stiffness={"storey1": Unchanged(change=-0.1)})
     truth = frame.truth(1)
     assert truth["element.storey1"] == pytest.approx(0.9 * 0.9 - 1)
     assert truth["element.storey3"] == pytest.approx(-0.1)
@@ -183,8 +183,8 @@ def test_settings_say_which_structure_they_mean_and_an_oscillator_where_they_do_
 @pytest.mark.parametrize(
     ("wrong", "says"),
     [
-        ({"stiffness": {"storey4": Constant()}}, "Name one of: storey1, storey2, storey3"),
-        ({"mass": {"storey1": Constant()}}, "Name one of: floor1, floor2, floor3"),
+        ({"stiffness": {"storey4": Unchanged()}}, "Name one of: storey1, storey2, storey3"),
+        ({"mass": {"storey1": Unchanged()}}, "Name one of: floor1, floor2, floor3"),
         ({"sensors": ("roof",)}, "'roof' is no part of this frame"),
         ({"machine": {"floor": "cellar", "frequency_hz": 3.0}}, "'cellar' is no part"),
         ({"rate_hz": 20.0}, "Sample faster, or simulate a slower structure"),

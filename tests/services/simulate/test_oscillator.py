@@ -7,17 +7,17 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from slowtime_services.simulate import (
-    Constant,
-    Fatigue,
+    FatigueLoss,
     FillingAndEmptying,
     Linear,
-    Sensor,
+    SensorErrors,
     SimulatedStructure,
-    Step,
+    StepLoss,
     Temperature,
+    Unchanged,
 )
 
-SPOILT = Sensor(spikes_per_epoch=3.0, dropouts_per_epoch=2.0)
+SPOILT = SensorErrors(spikes_per_epoch=3.0, dropouts_per_epoch=2.0)
 
 
 def same(one, other):
@@ -60,17 +60,17 @@ def test_another_seed_or_epoch_is_another_record():
 @pytest.mark.parametrize(
     ("evolution", "slow_time", "change"),
     [
-        (Constant(change=0.1), 5.0, 0.1),
+        (Unchanged(change=0.1), 5.0, 0.1),
         (Linear(rate=-1e-3, limit=-0.2), 100.0, -0.1),
         (Linear(rate=-1e-3, limit=-0.2), 900.0, -0.2),
         (Linear(rate=1e-3, limit=0.2), 900.0, 0.2),
         (Linear(rate=-1e-3, begins=50.0), 49.0, 0.0),
         (Linear(rate=-1e-3, begins=50.0), 150.0, -0.1),
-        (Step(at_slow_time=10.0, change=-0.3), 9.9, 0.0),
-        (Step(at_slow_time=10.0, change=-0.3), 10.0, -0.3),
-        (Fatigue(), 1000.0, -0.3486),
-        (Fatigue(renewed_after=1500.0), 2500.0, -0.3486),
-        (Fatigue(renewed_after=1000.0), 2000.0, 0.0),
+        (StepLoss(at_slow_time=10.0, change=-0.3), 9.9, 0.0),
+        (StepLoss(at_slow_time=10.0, change=-0.3), 10.0, -0.3),
+        (FatigueLoss(), 1000.0, -0.3486),
+        (FatigueLoss(renewed_after=1500.0), 2500.0, -0.3486),
+        (FatigueLoss(renewed_after=1000.0), 2000.0, 0.0),
         (FillingAndEmptying(), 0.0, 0.0),
     ],
 )
@@ -82,8 +82,8 @@ def test_truth_follows_from_stiffness_and_mass_with_the_damping_coefficient_as_b
     structure = SimulatedStructure(
         frequency_hz=5.0,
         damping_ratio=0.03,
-        stiffness=Constant(change=-0.19),
-        mass=Constant(change=0.21),
+        stiffness=Unchanged(change=-0.19),
+        mass=Unchanged(change=0.21),
     )
     truth = structure.truth(7)
     assert truth["frequency_hz"] == pytest.approx(5.0 * 0.9 / 1.1, rel=1e-12)
@@ -95,11 +95,11 @@ def test_the_record_rings_at_the_true_frequency_and_decays_at_the_true_rate():
     structure = SimulatedStructure(
         frequency_hz=4.0,
         damping_ratio=0.02,
-        stiffness=Constant(change=0.44),
+        stiffness=Unchanged(change=0.44),
         excitation="hammer",
         seconds=10.0,
         rate_hz=200.0,
-        sensor=Sensor(noise=0.0, dtype="<f8"),
+        sensor=SensorErrors(noise=0.0, dtype="<f8"),
     )
     truth = structure.truth(0)
     # Samples of one decaying oscillation obey x[k+2] = (p + p*) x[k+1] - |p|^2 x[k].
@@ -114,7 +114,7 @@ def test_the_record_rings_at_the_true_frequency_and_decays_at_the_true_rate():
 
 def test_ambient_response_has_the_strength_asked_for_and_starts_as_it_goes_on():
     structure = SimulatedStructure(
-        frequency_hz=5.0, seconds=60.0, acceleration_rms=0.25, sensor=Sensor(noise=0.0)
+        frequency_hz=5.0, seconds=60.0, acceleration_rms=0.25, sensor=SensorErrors(noise=0.0)
     )
     records = np.stack([signal(structure, epoch) for epoch in range(30)])
     # The resonant part asked for, and the force itself within half the sampling rate.
@@ -125,16 +125,16 @@ def test_ambient_response_has_the_strength_asked_for_and_starts_as_it_goes_on():
 
 def test_the_sensor_adds_its_noise_spikes_and_dropouts():
     quiet = {"seconds": 60.0, "rate_hz": 100.0, "seed": 3}
-    clean = signal(SimulatedStructure(**quiet, sensor=Sensor(noise=0.0, dtype="<f8")))
-    noisy = signal(SimulatedStructure(**quiet, sensor=Sensor(noise=0.1, dtype="<f8")))
+    clean = signal(SimulatedStructure(**quiet, sensor=SensorErrors(noise=0.0, dtype="<f8")))
+    noisy = signal(SimulatedStructure(**quiet, sensor=SensorErrors(noise=0.1, dtype="<f8")))
     assert (noisy - clean).std() == pytest.approx(0.01, rel=0.05)
-    spiked = SimulatedStructure(**quiet, sensor=Sensor(noise=0.0, spikes_per_epoch=4.0))
+    spiked = SimulatedStructure(**quiet, sensor=SensorErrors(noise=0.0, spikes_per_epoch=4.0))
     counts = [
         int((np.abs(signal(spiked, n) - signal(SimulatedStructure(**quiet), n)) > 0.5).sum())
         for n in range(25)
     ]
     assert 2.5 < np.mean(counts) < 5.5
-    dropping = SimulatedStructure(**quiet, sensor=Sensor(dropouts_per_epoch=3.0))
+    dropping = SimulatedStructure(**quiet, sensor=SensorErrors(dropouts_per_epoch=3.0))
     lost = [6000 - sum(len(b.samples) for b in dropping.epoch(n)) for n in range(25)]
     assert 10 < np.mean(lost) < 20
     for before, block in zip(*(lambda b: (b, b[1:]))(dropping.epoch(1)), strict=False):

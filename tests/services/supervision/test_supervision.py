@@ -10,12 +10,12 @@ import time
 import pytest
 
 from slowtime_services.shutdown import ended_by_signals
-from slowtime_services.supervision import Heartbeat, Watch, all_stacks, notify, watchdog_s
+from slowtime_services.supervision import Heartbeat, WatchReport, all_stacks, notify, watchdog_s
 
 CHILD = """
 import ctypes, signal, sys, threading, time
 from pathlib import Path
-from slowtime_services.supervision import Heartbeat, Watch
+from slowtime_services.supervision import Heartbeat, WatchReport
 
 def hold():
     # A lock of the C library that is taken twice: no signal ends the second call.
@@ -25,7 +25,7 @@ def hold():
 
 marked = Path(sys.argv[2]) if sys.argv[2] else None
 signal.signal(signal.SIGTERM, lambda *_: None)
-with Heartbeat(Watch(silent_s=float(sys.argv[3]), grace_s=2.0, marked=marked)):
+with Heartbeat(WatchReport(silent_s=float(sys.argv[3]), grace_s=2.0, marked=marked)):
     print("up", flush=True)
     if sys.argv[1] == "hold":
         hold()
@@ -155,4 +155,4 @@ def test_stacks_name_the_threads():
 
 
 def test_a_watch_without_a_file_marks_none():
-    assert Watch(silent_s=3.0, grace_s=2.0).marked is None
+    assert WatchReport(silent_s=3.0, grace_s=2.0).marked is None

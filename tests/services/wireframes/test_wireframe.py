@@ -15,7 +15,7 @@ from slowtime_services.matrices import (
     write_dof_map,
     write_matrix,
 )
-from slowtime_services.modal import Geometry, Place
+from slowtime_services.modal import Geometry, NodeAxis
 from slowtime_services.models import model_file_of, read_model, write_model
 from slowtime_services.wireframes import (
     geometry_of,
@@ -130,7 +130,7 @@ def test_nodes_of_a_line_are_spread_and_neighbours_are_joined():
 
 def test_a_geometry_file_gives_trace_lines_and_places_of_channels():
     nodes = {1: (0.0, 0.0, 0.0), 5: (0.0, 0.0, 2.0), 9: (1.0, 0.0, 2.0)}
-    places = {"a": Place(5, -1), "b": Place(9, 3)}
+    places = {"a": NodeAxis(5, -1), "b": NodeAxis(9, 3)}
     wire = measured_wireframe(("a", "b"), Geometry(nodes, ((1, 5, 0, 5, 9),), places))
     assert wire.lines.tolist() == [[0, 1], [1, 2]]
     assert [(one.node, one.along) for one in wire.sensors] == [(1, (-1, 0, 0)), (2, (0, 0, 1))]

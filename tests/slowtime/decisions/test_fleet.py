@@ -87,7 +87,7 @@ def test_teams_go_where_their_total_net_value_is_largest():
     for _ in range(50):
         values, prices = rng.normal(1.0, 1.0, 8), rng.uniform(0.5, 2.0, 8)
         candidates = [
-            fleet.Candidate(f"a{k}", float(values[k]), float(prices[k])) for k in range(8)
+            fleet.VisitCandidate(f"a{k}", float(values[k]), float(prices[k])) for k in range(8)
         ]
         free = fleet.dispatch(candidates, 3)
         exact = sum(sorted((v for v in values if v > 0), reverse=True)[:3])

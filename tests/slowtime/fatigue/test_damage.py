@@ -7,7 +7,7 @@ import pytest
 from scipy import integrate, stats
 
 from slowtime.fatigue.counter import Count, Counter
-from slowtime.fatigue.curves import Curve
+from slowtime.fatigue.curves import SNCurve
 from slowtime.fatigue.cycles import Cycles, rainflow
 from slowtime.fatigue.histogram import Histogram
 from slowtime.fatigue.mean_stress import MeanStress
@@ -18,15 +18,15 @@ from slowtime.fatigue.miner import (
     equivalent_range,
     failed_share,
 )
-from slowtime.fatigue.spectral import METHODS, Moments, damage_rate, dirlik_density
+from slowtime.fatigue.spectral import METHODS, SpectralMoments, damage_rate, dirlik_density
 
-ONE = Curve(constant=1e12, slope=3.0)
-TWO = Curve(constant=1e12, slope=3.0, knee=60.0, lower_slope=5.0, cut_off=10.0)
+ONE = SNCurve(constant=1e12, slope=3.0)
+TWO = SNCurve(constant=1e12, slope=3.0, knee=60.0, lower_slope=5.0, cut_off=10.0)
 
 
 def band(low, high, level=1.0):
     frequency = np.linspace(low, high, 4001)
-    return Moments.of(frequency, np.full(len(frequency), level))
+    return SpectralMoments.of(frequency, np.full(len(frequency), level))
 
 
 def test_a_curve_of_two_slopes_is_continuous_at_its_knee_and_ends_at_its_cut_off():
@@ -38,18 +38,18 @@ def test_a_curve_of_two_slopes_is_continuous_at_its_knee_and_ends_at_its_cut_off
 
 
 def test_a_detail_category_is_that_of_the_standard():
-    curve = Curve.of_detail_category(71.0, characteristic=True)
+    curve = SNCurve.of_detail_category(71.0, characteristic=True)
     lives = curve.life(np.array([71.0, curve.knee, curve.cut_off]))
     np.testing.assert_allclose(lives, [2e6, 5e6, 1e8], rtol=1e-9)
     assert curve.knee == pytest.approx(52.3, abs=0.05)  # table of EN 1993-1-9: 52
     assert curve.cut_off == pytest.approx(28.7, abs=0.05)  # 29
-    median = Curve.of_detail_category(71.0, log10_sd=0.2)
+    median = SNCurve.of_detail_category(71.0, log10_sd=0.2)
     ratio = median.constant / curve.constant
     assert stats.norm.cdf(math.log10(ratio) / 0.2) == pytest.approx(0.95, abs=1e-3)
 
 
 def test_amplitudes_and_ranges_differ_by_two_to_the_slope():
-    of_amplitudes = Curve.of_amplitudes(1e10, 4.0)
+    of_amplitudes = SNCurve.of_amplitudes(1e10, 4.0)
     assert of_amplitudes.life(np.array([2 * 50.0]))[0] == pytest.approx(1e10 * 50.0**-4)
 
 
@@ -63,7 +63,7 @@ def test_amplitudes_and_ranges_differ_by_two_to_the_slope():
 )
 def test_a_curve_that_cannot_be_says_why(given, says):
     with pytest.raises(ValueError, match=says):
-        Curve(**given)
+        SNCurve(**given)
 
 
 def test_means_are_corrected_by_goodman_and_gerber():
@@ -122,7 +122,7 @@ def test_time_to_failure_is_as_sampled_among_those_that_stand():
 def test_a_narrow_band_does_the_damage_of_the_closed_form_in_amplitudes(slope):
     moments = band(4.99, 5.01, 100.0)
     per_amplitude = 1e11
-    curve = Curve.of_amplitudes(per_amplitude, slope)
+    curve = SNCurve.of_amplitudes(per_amplitude, slope)
     closed = (
         moments.zero_crossings_hz
         / per_amplitude
@@ -164,4 +164,4 @@ def test_methods_are_ordered_and_a_wrong_one_is_refused():
     with pytest.raises(ValueError, match=r"Allowed: narrow_band.*dirlik"):
         damage_rate(moments, ONE, "rain")
     with pytest.raises(ValueError, match="negative, not finite"):
-        Moments.of(np.array([1.0, 2.0]), np.array([1.0, -1.0]))
+        SpectralMoments.of(np.array([1.0, 2.0]), np.array([1.0, -1.0]))

@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slowtime.fatigue.counter import Count, Counter
-from slowtime.fatigue.curves import Curve
+from slowtime.fatigue.curves import SNCurve
 from slowtime.fatigue.cycles import rainflow, turning_points
 from slowtime.fatigue.histogram import Histogram
 from slowtime.fatigue.mean_stress import MeanStress
 
-CURVE = Curve(constant=1e6, slope=3.0, knee=2.0, lower_slope=5.0)
+CURVE = SNCurve(constant=1e6, slope=3.0, knee=2.0, lower_slope=5.0)
 
 
 def three_point_rule(series):
@@ -109,7 +109,7 @@ def test_histograms_of_parts_add_up_in_any_order_and_hold_the_damage():
     histogram = Histogram.of(cycles)
     assert histogram.counts.sum() == cycles.counts.sum()
     for slope in (3.0, 5.0):
-        curve = Curve(constant=1e6, slope=slope)
+        curve = SNCurve(constant=1e6, slope=slope)
         exact = cycles.counts @ curve.damage(cycles.ranges)
         assert histogram.counts @ curve.damage(histogram.ranges) == pytest.approx(
             exact, rel=5e-3

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from slowtime.fatigue.counter import Count, Counter
-from slowtime.fatigue.curves import Curve
-from slowtime.fatigue.spectral import METHODS, Moments, damage_rate
+from slowtime.fatigue.curves import SNCurve
+from slowtime.fatigue.spectral import METHODS, SpectralMoments, damage_rate
 
 RATE_HZ = 64.0
 LENGTH = 2**17
@@ -72,8 +72,8 @@ def simulated(density, cycles, seed):
 
 def ratios(density, cycles, seed):
     """Spectral over counted damage rate: by slope and method; and the cycles counted."""
-    moments = Moments.of(FREQUENCY, density / np.trapezoid(density, FREQUENCY))
-    counters = {m: Counter(curve=Curve(constant=1e6, slope=m)) for m in (3.0, 5.0)}
+    moments = SpectralMoments.of(FREQUENCY, density / np.trapezoid(density, FREQUENCY))
+    counters = {m: Counter(curve=SNCurve(constant=1e6, slope=m)) for m in (3.0, 5.0)}
     counts = dict.fromkeys(counters, Count())
     for series in simulated(density, cycles, seed):
         for slope, counter in counters.items():

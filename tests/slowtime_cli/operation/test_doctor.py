@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from slowtime_cli.operation.doctor import installation, surroundings
-from slowtime_cli.operation.doctor.findings import Finding
+from slowtime_cli.operation.doctor.findings import CheckLine
 from slowtime_cli.operation.doctor.report import GROUPS, checked
 
 
@@ -189,7 +189,7 @@ def test_compiled_code_is_counted_where_it_is_kept(monkeypatch, tmp_path):
 
 def test_a_problem_is_the_exit_status(run, port, monkeypatch):
     def refused(folder: Path):
-        return [Finding("Write access", "folder", "problem", "full", "Make room.")]
+        return [CheckLine("Write access", "folder", "problem", "full", "Make room.")]
 
     monkeypatch.setattr(installation, "write_access", refused)
     away = ("--connect", f"tcp/127.0.0.1:{port}", "--server", f"http://127.0.0.1:{port}")

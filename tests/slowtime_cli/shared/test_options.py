@@ -6,8 +6,8 @@ from slowtime_cli.shared.options import (
     Endpoint,
     Instant,
     Name,
-    Number,
     OutFile,
+    Real,
     Size,
     names,
 )
@@ -18,7 +18,7 @@ def test_only_a_positive_number_is_one(value):
     with pytest.raises(click.BadParameter, match=r"not a finite number|not in the range|valid"):
         POSITIVE.convert(value, None, None)
     assert POSITIVE.convert("1e-3", None, None) == 1e-3
-    assert Number(min=0).convert("0", None, None) == 0.0
+    assert Real(min=0).convert("0", None, None) == 0.0
 
 
 @pytest.mark.parametrize("value", ["", "A", "a b", "a/b", "*", "a.b", "-a", "a" * 64, "ä"])

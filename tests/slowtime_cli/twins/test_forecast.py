@@ -6,10 +6,10 @@ import threading
 import numpy as np
 import pytest
 
+from slowtime_schemas.answers import plans as plan_models
+from slowtime_schemas.answers.forecasts import ForecastModel
 from slowtime_services.bus import MemoryBus
 from twin_server.__main__ import run as run_server
-from twin_server.serve.models import plans as plan_models
-from twin_server.serve.models.forecasts import ForecastModel
 from twin_server.serve.routes import simulations
 from twin_server.settings import TwinSettings
 

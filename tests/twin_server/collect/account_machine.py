@@ -24,7 +24,7 @@ from slowtime_schemas.codec import encode
 from slowtime_schemas.messages import Features, Health
 from slowtime_schemas.quantities import SEQUENCES
 from tests.twin_server.conftest import _features
-from twin_server.collect import Account, Arrival, Change, EdgeQuery, Holding, Run
+from twin_server.collect import Account, Arrival, EdgeQuery, Holding, Run, StoreChange
 from twin_server.settings import BackfillSettings
 
 MAX_JUMP = 3_000
@@ -167,7 +167,7 @@ class AccountMachine(RuleBasedStateMachine):
         restored = [self._restored(number, row) for number, row in sorted(self.rows.items())]
         self.account.restore(restored, max(self.rows, default=0) + 1)
         self.runs = {run.number: run for run in restored}
-        found, self.account.corrections = self.account.corrections, Change()
+        found, self.account.corrections = self.account.corrections, StoreChange()
         self._store(found)
         self.account.watch("lab", "beam", alive=True)
 
@@ -224,15 +224,15 @@ class AccountMachine(RuleBasedStateMachine):
             1 + entries,
         )
 
-    def _step(self, act: Callable[[Change], None], messages: int) -> None:
-        change = Change()
+    def _step(self, act: Callable[[StoreChange], None], messages: int) -> None:
+        change = StoreChange()
         lines = _lines_of(lambda: act(change))
         released = len(change.released) + len(change.lost) + len(change.refused)
         allowed = LINES_AT_LEAST + LINES_OF_ONE * (messages + released)
         assert lines <= allowed, f"{lines} lines for {messages} messages"
         self._store(change)
 
-    def _store(self, change: Change) -> None:
+    def _store(self, change: StoreChange) -> None:
         for ordered in change.ordered:
             if ordered.run.asset == "beam":
                 key = (ordered.run.boot, ordered.features.sequence)

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.twin_server.collect.world import HEALING, World
-from twin_server.collect import DAMAGED, Change, Holding
+from twin_server.collect import DAMAGED, Holding, StoreChange
 
 
 @pytest.fixture
@@ -198,7 +198,7 @@ def test_sensor_time_that_does_not_increase_is_refused_and_passed(world):
     world.spool["b1"] = {0}
     world.arrive(("b1", 0))
     world.heal(2)
-    change = Change()
+    change = StoreChange()
     arrivals = [
         world.arrival("b1", 1),
         world.arrival("b1", 2, t_ns=1_767_225_600_000_000_000),
@@ -239,7 +239,7 @@ def test_alone_boots_are_let_in_as_they_come_and_holes_given_up_at_the_end(featu
     world = World(features, alone=True)
     world.arrive(("b1", 0), ("b1", 2), ("b2", 0))
     assert world.order == [("b1", 0)]
-    change = Change()
+    change = StoreChange()
     world.account.give_up(change)
     world.note(change)
     assert world.order == [("b1", 0), ("b1", 2), ("b2", 0)]
@@ -251,7 +251,7 @@ def test_an_edge_that_did_not_hear_the_acknowledgement_is_told_again(world):
     world.spool["b1"] = {0, 1}
     world.arrive(("b1", 0), ("b1", 1))
     world.heal(2)
-    world.changes = Change()
+    world.changes = StoreChange()
     world.health("b1", last=1, first_held=0)
     assert [run.next for run in world.changes.touched] == [2]
 
@@ -339,7 +339,7 @@ def test_sensor_time_that_runs_back_is_reported_as_one_range(world):
     arrivals = [world.arrival("b1", 0)]
     arrivals += [world.arrival("b1", s, t_ns=now - 10**12 + s) for s in (1, 2, 3)]
     arrivals += [world.arrival("b1", s) for s in (4, 5)]
-    change = Change()
+    change = StoreChange()
     world.account.take(arrivals, 0.0, change)
     world.note(change)
     world.heal()
@@ -350,7 +350,7 @@ def test_sensor_time_that_runs_back_is_reported_as_one_range(world):
 def test_every_hole_is_given_up_where_nobody_can_be_asked(features):
     world = World(features, alone=True)
     world.arrive(*(("b1", s) for s in (0, 3, 4, 7, 9)), ("b2", 0), ("b2", 2))
-    change = Change()
+    change = StoreChange()
     world.account.give_up(change)
     world.note(change)
     assert world.order == [("b1", s) for s in (0, 3, 4, 7, 9)] + [("b2", 0), ("b2", 2)]
@@ -366,7 +366,7 @@ def test_how_far_a_boot_got_is_durable_together_with_the_boot_after_it(world):
     world.arrive(("b2", 0))
     world.changes.touched.clear()
     (want,) = world.account.wants(world.now_s + 100.0)
-    change = Change()
+    change = StoreChange()
     world.account.settle(want, world.listing(), world.now_s, change)
     assert {run.boot: run.told for run in change.touched} == {"b1": 8, "b2": 0}
 
@@ -464,7 +464,7 @@ def test_agents_of_one_boot_are_told_apart_by_when_they_began_and_by_what_waits(
     ((run, other, _, how),) = world.changes.rivals
     assert (run.boot, other, run.contested) == ("b1", "b1", True)
     assert "began at" in how
-    changes = Change()
+    changes = StoreChange()
     world.arrive(("b2", 0))
     world.heal()
     for frequency_hz in (3.0, 3.1):
@@ -486,7 +486,7 @@ def test_what_is_being_asked_is_not_looked_at_again_but_still_counts(world):
     assert world.account._uneasy == {}
     assert (world.account.holes, world.account.held) == (1, 1)
     assert world.account.wants(world.now_s + 200.0) == []
-    world.account.settle(wants[0], None, world.now_s, Change(), sound=False)
+    world.account.settle(wants[0], None, world.now_s, StoreChange(), sound=False)
     assert world.account.wants(world.now_s + 300.0) == wants
 
 

@@ -9,7 +9,7 @@ from slowtime_schemas.messages import Features
 from slowtime_schemas.quantities import SEQUENCES
 from slowtime_schemas.streams import FEATURES, HEALTH
 from tests.twin_server.collect.world import HEALING, World
-from twin_server.collect import Change, Holding, Run
+from twin_server.collect import Holding, Run, StoreChange
 from twin_server.collect.evidence import MOST_AHEAD
 from twin_server.collect.intervals import Reasons
 
@@ -157,7 +157,7 @@ def test_an_honest_edge_is_taken_in_by_a_server_that_never_knew_it(world):
 def test_a_recording_may_begin_far_ahead_and_miss_much(features):
     world = World(features, alone=True)
     world.arrive(("b1", 10**7), ("b1", 10**7 + 5 * 10**6))
-    change = Change()
+    change = StoreChange()
     world.account.give_up(change)
     world.note(change)
     assert world.order == [("b1", 10**7), ("b1", 10**7 + 5 * 10**6)]
@@ -224,7 +224,7 @@ def test_ranges_that_were_lost_are_told_each_and_the_newest_remembered(started):
     started.alive(False)
     for sequence in range(3, 1_003, 2):
         started.arrive(("b1", sequence))
-    change = Change()
+    change = StoreChange()
     started.account.give_up(change)
     assert len(change.lost) == 50  # as many as may be held
     for _ in range(12):

@@ -2,7 +2,7 @@
 
 from slowtime_schemas.codec import encode
 from slowtime_schemas.messages import Health
-from twin_server.collect import Account, Arrival, Change, Holding
+from twin_server.collect import Account, Arrival, Holding, StoreChange
 from twin_server.settings import BackfillSettings
 
 HEALING = BackfillSettings(
@@ -19,7 +19,7 @@ class World:
         self.now_s = 0.0
         self.spool: dict[str, set[int]] = {}
         self.order: list[tuple[str, int]] = []
-        self.changes = Change()
+        self.changes = StoreChange()
         self.reachable = True
         self.asked = 0
         self.damaged: tuple[tuple[int, int], ...] = ()
@@ -40,7 +40,7 @@ class World:
         self.changes.touched.update(change.touched)
 
     def arrive(self, *which):
-        change = Change()
+        change = StoreChange()
         self.account.take([self.arrival(*one) for one in which], self.now_s, change)
         self.note(change)
         return change
@@ -52,7 +52,7 @@ class World:
         return Arrival(message, encode(message))
 
     def health(self, boot, last, first_held=0, uptime_s=1.0, t_s=1000):
-        change = Change()
+        change = StoreChange()
         message = Health(
             site="lab", asset="beam", boot=boot, sequence=0, t_ns=t_s * 10**9,
             last_sequence=last, first_held=first_held, uptime_s=uptime_s,
@@ -76,7 +76,7 @@ class World:
                     )
                 if not want.boot or self.account.still_missing(want):
                     listing = self.listing() if self.reachable else []
-                change = Change()
+                change = StoreChange()
                 self.account.settle(want, listing, self.now_s, change, sound=self.reachable)
                 self.note(change)
             self.now_s += step_s

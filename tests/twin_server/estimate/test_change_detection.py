@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from twin_server.estimate import ChangeDetector
+from twin_server.estimate import Detector
 
 SD = 0.004
 
 
 def watched(values, odds=1e4, sd=SD):
     """Readings of a series, and what was noticed at which."""
-    series = ChangeDetector(odds)
+    series = Detector(odds)
     found = []
     for time, value in enumerate(values):
         noticed = series.take(float(time), float(value), sd)
@@ -43,7 +43,7 @@ def test_drift_wave_noise_and_outliers_are_no_change_of_the_model():
 
 
 def test_readings_that_are_not_later_and_those_without_error_do_no_harm():
-    series = ChangeDetector(1e4)
+    series = Detector(1e4)
     for time in (0.0, 1.0, 1.0, 0.5, *range(2, 34)):
         assert series.take(float(time), 0.0, 0.0) is None
     assert [reading[0] for reading in series.past[:3]] == [0.0, 1.0, 2.0]

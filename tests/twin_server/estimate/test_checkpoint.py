@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from twin_server.estimate.checkpoint import Belief, Checkpoint, NominalInUse, Twin
+from twin_server.estimate.checkpoint import Checkpoint, NominalInUse, SteadyFlag, Twin
 from twin_server.estimate.covariates import Training
 from twin_server.estimate.elements.memory import Baseline, Memory, Reference
 from twin_server.estimate.estimator import estimate
@@ -16,7 +16,9 @@ from twin_server.registration.twin import Registration
 NORMAL = NominalInUse(3.0 + 1e-15, 1e-3, math.pi, 0.1)
 CHECKPOINTS = {
     "new": Checkpoint(),
-    "in use": Checkpoint(known=NORMAL, raised=(Belief(True, 3), Belief(False)), renewals=2.0),
+    "in use": Checkpoint(
+        known=NORMAL, raised=(SteadyFlag(True, 3), SteadyFlag(False)), renewals=2.0
+    ),
     "learning": Checkpoint(learning=((3.0, 0.1, 0.02, 1e-3), (1 / 3, 1e-300, 0.0, 5e300))),
     "in training": Checkpoint(training=Training().added(np.array([0.0, 3.0, 0.1, 0.02, 0.0]))),
     "of elements": Checkpoint(

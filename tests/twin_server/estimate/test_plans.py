@@ -9,11 +9,11 @@ import pytest
 
 from slowtime.decisions import Access, Cost, Costs, Plan, Terms, from_paths, make_plan
 from twin_server.estimate.plans.plan import NotPlannableError, PlanOrder, access_of
-from twin_server.estimate.plans.wording import When, last_order_sentence, sentence_of
+from twin_server.estimate.plans.wording import TimeWording, last_order_sentence, sentence_of
 from twin_server.registration.costs import CostTable, Deciding, months_of
 
 TIME = np.linspace(0.0, 10.0, 121)
-WHEN = When("year", None, None)
+WHEN = TimeWording("year", None, None)
 
 
 def plan(name: str, due: float, share: float) -> Plan:
@@ -64,7 +64,7 @@ def test_a_repair_whose_time_is_the_decision_is_not_expected_besides():
     ],
 )
 def test_a_time_of_a_plan_has_its_unit(unit, slow_unit, says):
-    assert When(unit, None, None, slow_unit).span(12.5) == says
+    assert TimeWording(unit, None, None, slow_unit).span(12.5) == says
 
 
 class Now:
@@ -149,7 +149,7 @@ def ordering(accepted, lead=1.0, start=0.3):
     costs = Costs(failure=Cost(20.0), repair=Cost(2.0))
     terms = Terms(access=Access(lead=lead), accepted=accepted)
     made = make_plan(from_paths(TIME, grown), costs, terms)
-    when = When("year", 0, 31557600.0, ahead=lead > 0)
+    when = TimeWording("year", 0, 31557600.0, ahead=lead > 0)
     return made, last_order_sentence(made, when), sentence_of(made, "EUR", when)
 
 

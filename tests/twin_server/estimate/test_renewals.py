@@ -5,7 +5,7 @@ import itertools
 import pytest
 
 from slowtime_schemas.quantities import RENEWALS
-from slowtime_services.simulate import Fatigue, SimulatedFrame, SimulatedStructure
+from slowtime_services.simulate import FatigueLoss, SimulatedFrame, SimulatedStructure
 from twin_server.estimate import Checkpoint, Twin, estimate
 from twin_server.registration.twin import Registration
 
@@ -53,7 +53,7 @@ def test_a_count_that_rises_is_told_at_the_first_reading_after_it(features, coun
 
 
 def test_simulated_structures_count_their_renewals():
-    tower = SimulatedStructure(stiffness=Fatigue(renewed_after=10.0), seconds=4.0)
+    tower = SimulatedStructure(stiffness=FatigueLoss(renewed_after=10.0), seconds=4.0)
     frame = SimulatedFrame(
         stiffness={"storey2": {"kind": "linear", "renewed_after": 20.0, "begins": 5.0}},
         seconds=4.0,

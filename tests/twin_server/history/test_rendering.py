@@ -6,6 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from slowtime_schemas.answers.twins import State
 from slowtime_schemas.messages import Event, TwinState
 from twin_server.history import states as rows
 from twin_server.history.rendering import (
@@ -15,7 +16,6 @@ from twin_server.history.rendering import (
     state_messages,
     state_objects,
 )
-from twin_server.serve.models.twins import State
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 estimates = st.none() | st.tuples(numbers, st.floats(0, 1e300), numbers, numbers)

@@ -11,7 +11,7 @@ import pytest
 from slowtime_services.clock import HandClock
 from slowtime_services.credentials import Signer, make_key
 from slowtime_services.ledger import Entry, Head, unpacked
-from twin_server.events.deliveries import Acknowledgement
+from twin_server.events.deliveries import AlarmAcknowledgement
 from twin_server.persist import (
     SqliteStore,
     StateRow,
@@ -70,7 +70,9 @@ def house(tmp_path_factory, key):
         if part == 4:
             store.write(
                 WriteBatch(
-                    acknowledgements=[Acknowledgement("e1", "lab.beam", 7, "ann", "ann", "")]
+                    acknowledgements=[
+                        AlarmAcknowledgement("e1", "lab.beam", 7, "ann", "ann", "")
+                    ]
                 )
             )
         signer.step()

@@ -12,7 +12,7 @@ import pytest
 
 from twin_server.history.states import blank
 from twin_server.serve import HistoryPart, live
-from twin_server.serve.live import RESET, Client, Hub, Item, LiveResponse
+from twin_server.serve.live import RESET, Hub, Item, LiveClient, LiveResponse
 from twin_server.settings import ServeSettings
 
 LIVE = "/api/v1/twins/lab.beam/live"
@@ -227,7 +227,7 @@ def test_more_at_once_than_one_may_be_behind_is_a_reset_and_the_newest():
 
 def test_a_client_too_far_behind_ends_and_holds_nothing():
     async def play():
-        client = Client("lab.beam", 3)
+        client = LiveClient("lab.beam", 3)
         assert client.offer([Item(1, 0, "")] * 3)
         assert not client.offer([Item(2, 0, "")])
         return client

@@ -9,7 +9,7 @@ from twin_server.settings import TwinSettings
 from twin_server.shards import ray_driver
 from twin_server.shards.ray_actors import EngineError
 from twin_server.shards.ray_driver import News, RayFleet
-from twin_server.shards.shard_actor import FleetSettings, Place
+from twin_server.shards.shard_actor import FleetSettings, ShardAddress
 
 
 class Driver:
@@ -96,8 +96,14 @@ def fleet(context, stop, eventually):
     made.stop()
 
 
-FIRST = Place("http://first/0", 10, "node-1"), Place("http://first/1", 11, "node-1")
-SECOND = Place("http://second/0", 20, "node-2"), Place("http://second/1", 21, "node-2")
+FIRST = (
+    ShardAddress("http://first/0", 10, "node-1"),
+    ShardAddress("http://first/1", 11, "node-1"),
+)
+SECOND = (
+    ShardAddress("http://second/0", 20, "node-2"),
+    ShardAddress("http://second/1", 21, "node-2"),
+)
 
 
 def test_shards_are_where_the_driver_tells(context, fleet, eventually):

@@ -9,8 +9,8 @@ from jaxtyping import Float
 
 from slowtime.evolution.covariates import Basis, NormalModel, WatchState
 from slowtime.evolution.covariates.change_onset import Onsets
-from slowtime.evolution.covariates.filter import Belief
-from slowtime.evolution.covariates.monitor import Held
+from slowtime.evolution.covariates.filter import CovariateBelief
+from slowtime.evolution.covariates.monitor import HeldReading
 from slowtime.evolution.covariates.residual_process import ResidualProcess
 
 from .array_text import pack, unpack
@@ -123,12 +123,12 @@ class StoredWatch:
             belief,
             Onsets(numbers[0], numbers[1], numbers[2], numbers[3], response),
             tuple(
-                Held(float(row[0]), float(row[1]), float(row[2]), row[4:], float(row[3]))
+                HeldReading(float(row[0]), float(row[1]), float(row[2]), row[4:], float(row[3]))
                 for row in rows
             ),
         )
 
 
-def _belief(time: float, mean: str, covariance: str) -> Belief:
+def _belief(time: float, mean: str, covariance: str) -> CovariateBelief:
     numbers: Float[np.ndarray, " state"] = unpack(mean, -1)
-    return Belief(time, numbers, unpack(covariance, len(numbers), len(numbers)))
+    return CovariateBelief(time, numbers, unpack(covariance, len(numbers), len(numbers)))

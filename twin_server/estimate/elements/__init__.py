@@ -7,11 +7,11 @@ differs from it later is called a change, so that an error of the model is none.
 from .channel_units import told_shape, units_of
 from .epochs import EpochEstimate, TrackedEpochs, posterior_of, track_epochs
 from .spatial_shapes import spatial_scene
-from .suspects import Suspect, size
+from .suspects import SuspectGroup, size
 
 __all__ = [
     "EpochEstimate",
-    "Suspect",
+    "SuspectGroup",
     "TrackedEpochs",
     "posterior_of",
     "size",

@@ -15,7 +15,7 @@ from twin_server.estimate.covariates import Condition, NotLearntError, Training
 from twin_server.estimate.covariates import conclude as conclude_training
 from twin_server.estimate.elements.memory import Baseline, Memory, ModeSamples, Reference
 from twin_server.registration.nominal import Covariates
-from twin_server.registration.structure import Model
+from twin_server.registration.structure import ElementModel
 
 from .mode_matching import (
     aligned,
@@ -127,7 +127,7 @@ def is_enough(memory: Memory, learn_epochs: int, wanted: Covariates | None) -> b
     return memory.learnt_from >= wanted.train_epochs and 0.0 < span >= wanted.train_span
 
 
-def conclude(memory: Memory, model: Model, wanted: Covariates | None = None) -> Memory:
+def conclude(memory: Memory, model: ElementModel, wanted: Covariates | None = None) -> Memory:
     """Make baselines of the gathered modes; if there are none, restart learning.
 
     Modes are left out where fewer than half of the epochs have shown them, where they match no
@@ -169,7 +169,7 @@ def _shared(condition: Condition | None, among: int) -> Condition | None:
 
 def measured_of(
     baselines: Sequence[Baseline],
-    model: Model,
+    model: ElementModel,
     *,
     unmodelled_frequency: float = 0.0,
     unmodelled_shape: float = 0.0,
@@ -396,7 +396,7 @@ def _scatter(ratio: float) -> float:
     return ratio if ratio > LIMITS.clear_scatter else 1.0
 
 
-def _partners(baselines: Sequence[Baseline], model: Model) -> dict[int, int]:
+def _partners(baselines: Sequence[Baseline], model: ElementModel) -> dict[int, int]:
     """Pair learnt modes with the model's, before the model is moved."""
     modes = model.whole.modes(np.zeros(len(model.whole.names)))
     reach = np.sqrt(np.sum((modes.log_frequency_slope * model.tolerance) ** 2, axis=1))
@@ -416,7 +416,7 @@ def _partners(baselines: Sequence[Baseline], model: Model) -> dict[int, int]:
 
 
 def _moved(
-    model: Model, baselines: Sequence[Baseline]
+    model: ElementModel, baselines: Sequence[Baseline]
 ) -> tuple[tuple[float, ...], tuple[int, ...]]:
     """Estimate the model's parameters, and the mode number of each baseline."""
     measured = measured_of(

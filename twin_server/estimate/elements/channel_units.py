@@ -18,7 +18,7 @@ from jaxtyping import Complex, Float
 from slowtime.dynamics.units import UNITS as MODEL_UNITS
 from slowtime_schemas.messages import Features, Mode
 from slowtime_services.files.units import unit_of
-from twin_server.registration.structure import POWERS, Model, Worth
+from twin_server.registration.structure import POWERS, ElementModel, Worth
 
 UNSTATED = frozenset(("", "1", "-"))
 """Units by which an edge says that nobody told it one."""
@@ -49,7 +49,7 @@ class ChannelUnits:
 
 @functools.lru_cache(maxsize=256)
 def channel_units(
-    model: Model, channels: tuple[str, ...], units: tuple[str, ...]
+    model: ElementModel, channels: tuple[str, ...], units: tuple[str, ...]
 ) -> ChannelUnits:
     """Return the units that the edge states; those of the model if it states none.
 
@@ -76,7 +76,7 @@ def channel_units(
     return ChannelUnits(motion | {name: model.worth[name] for name in unstated}, doubts, mixed)
 
 
-def units_of(features: Features, model: Model) -> ChannelUnits:
+def units_of(features: Features, model: ElementModel) -> ChannelUnits:
     """Return the factors by which the channels of a message form one shape."""
     return channel_units(model, features.channels, features.units)
 
@@ -104,7 +104,7 @@ def as_displacement(
     return np.asarray(shape * np.array(factors))
 
 
-def told_shape(mode: Mode, features: Features, model: Model) -> dict[str, Any] | None:
+def told_shape(mode: Mode, features: Features, model: ElementModel) -> dict[str, Any] | None:
     """Return the mode shape that the twin reports: as received, or in displacements.
 
     None where its components stand in several units and one of them is unknown.
@@ -133,7 +133,7 @@ def _rounded(values: Float[np.ndarray, " channel"]) -> list[float]:
     return rounded
 
 
-def _worth(unit: str, channel: str, model: Model) -> Worth | None:
+def _worth(unit: str, channel: str, model: ElementModel) -> Worth | None:
     """Worth of a unit of motion, or of rotation where the model's coordinate is an angle."""
     for quantity, power in POWERS.items():
         worth = MODEL_UNITS[model.unit_of_coordinate, quantity].get(unit)
@@ -143,7 +143,7 @@ def _worth(unit: str, channel: str, model: Model) -> Worth | None:
     return None if known is None else (known.factor, POWERS[known.quantity])
 
 
-def _of_one_unit(names: list[str], told: Mapping[str, str], model: Model) -> list[str]:
+def _of_one_unit(names: list[str], told: Mapping[str, str], model: ElementModel) -> list[str]:
     heard = [name for name in names if name in model.worth]
     unit = told[names[0]]
     if unit in UNSTATED or len(heard) < 2:
@@ -155,7 +155,7 @@ def _of_one_unit(names: list[str], told: Mapping[str, str], model: Model) -> lis
 
 
 def _contradicting(
-    motion: Mapping[str, Worth], told: Mapping[str, str], model: Model
+    motion: Mapping[str, Worth], told: Mapping[str, str], model: ElementModel
 ) -> list[str]:
     other = [n for n in motion if n in model.worth and motion[n][1] != model.worth[n][1]]
     words = {power: quantity for quantity, power in POWERS.items()}
@@ -167,7 +167,7 @@ def _contradicting(
     ]
 
 
-def _unstated(names: list[str], model: Model) -> list[str]:
+def _unstated(names: list[str], model: ElementModel) -> list[str]:
     if not names:
         return []
     verb = "has" if len(names) == 1 else "have"

@@ -39,12 +39,12 @@ from twin_server.estimate.covariates import Removed, Verdict, covariates_of
 from twin_server.estimate.elements.memory import Baseline, Memory
 from twin_server.history import states as st
 from twin_server.registration.nominal import Covariates
-from twin_server.registration.structure import Model
+from twin_server.registration.structure import ElementModel
 
 from .baseline_learning import common_patterns, conclude, gather, is_enough
 from .mode_matching import aligned, match, update_reference
 from .observed_modes import ObservedMode, observed_modes
-from .suspects import Suspect, suspects_of
+from .suspects import SuspectGroup, suspects_of
 
 STARTS = 2
 """Searches besides the one from nominal, for the posterior may have several peaks."""
@@ -93,7 +93,7 @@ class EpochEstimate:
     reasons: int
     changes: Float[np.ndarray, "parameter 4"] | None = None
     ratio: Float[np.ndarray, " parameter"] | None = None
-    suspects: tuple[Suspect, ...] = ()
+    suspects: tuple[SuspectGroup, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -117,7 +117,7 @@ class TrackedEpochs:
 
 def track_epochs(
     memory: Memory,
-    model: Model,
+    model: ElementModel,
     features: Sequence[Features],
     learn_epochs: int,
     wanted: Covariates | None = None,
@@ -165,7 +165,7 @@ def track_epochs(
 
 
 def posterior_of(
-    memory: Memory, model: Model, message: Features, wanted: Covariates | None = None
+    memory: Memory, model: ElementModel, message: Features, wanted: Covariates | None = None
 ) -> Float[np.ndarray, "parameter parameter"] | None:
     """Covariance of the logarithms of the free factors, from one epoch.
 
@@ -237,7 +237,7 @@ def _watched(
 class _Nominal:
     """The structure at learning, and the modes that the model gives it."""
 
-    model: Model
+    model: ElementModel
     structure: ParametricStructure
     baselines: tuple[Baseline, ...]
     frequency_hz: Float[np.ndarray, " baseline"]
@@ -245,7 +245,7 @@ class _Nominal:
     shape_error: Float[np.ndarray, " baseline"]
 
     @classmethod
-    def of(cls, memory: Memory, model: Model) -> "_Nominal":
+    def of(cls, memory: Memory, model: ElementModel) -> "_Nominal":
         structure = model.at(memory.theta)
         modes = structure.modes(np.zeros(len(structure.names)))
         which = [one.mode for one in memory.baselines]
@@ -397,7 +397,7 @@ def _changes(posterior: StructurePosterior) -> Float[np.ndarray, "parameter 4"] 
     return numbers if np.isfinite(numbers).all() else None
 
 
-def _suspects(measured: MeasuredModes, nominal: _Nominal) -> tuple[Suspect, ...]:
+def _suspects(measured: MeasuredModes, nominal: _Nominal) -> tuple[SuspectGroup, ...]:
     """Name the elements that have changed, if "no change" does not explain the modes."""
     structure, prior = nominal.structure, nominal.model.prior_sd
     still = mode_misfit(structure, measured, np.zeros(len(prior)), prior)

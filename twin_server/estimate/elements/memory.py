@@ -106,7 +106,7 @@ class Baseline:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Suspicion:
+class ChangeSuspicion:
     """Whether a change is suspected, and the number of consecutive readings against it."""
 
     word: str
@@ -142,7 +142,7 @@ class Memory:
     learnt_from: int = 0
     theta: tuple[float, ...] = ()
     baselines: tuple[Baseline, ...] = ()
-    suspicions: tuple[Suspicion, ...] = ()
+    suspicions: tuple[ChangeSuspicion, ...] = ()
     since: float = math.inf
     until: float = -math.inf
     unit_doubts: tuple[str, ...] = ()
@@ -197,7 +197,7 @@ class Memory:
                 )
                 for b in content["baselines"]
             ),
-            suspicions=tuple(Suspicion(**s) for s in content["suspicions"]),
+            suspicions=tuple(ChangeSuspicion(**s) for s in content["suspicions"]),
             since=content.get("since", math.inf),
             until=content.get("until", -math.inf),
             unit_doubts=tuple(content.get("unit_doubts", ())),

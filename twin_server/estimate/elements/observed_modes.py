@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from slowtime.identification.mode_shapes.criteria import real_shape
 from slowtime_schemas.messages import Features, Mode
-from twin_server.registration.structure import Model
+from twin_server.registration.structure import ElementModel
 
 from .channel_units import ChannelUnits, as_displacement, units_of
 
@@ -50,7 +50,7 @@ class ObservedMode:
     shape_sd: Float[np.ndarray, " channel"] | None
 
 
-def observed_modes(features: Features, model: Model) -> list[ObservedMode]:
+def observed_modes(features: Features, model: ElementModel) -> list[ObservedMode]:
     """Return the modes of a message that belong to the structure and are precise enough."""
     found, units = [], units_of(features, model)
     for place, mode in enumerate(features.modes):
@@ -78,7 +78,7 @@ def observed_modes(features: Features, model: Model) -> list[ObservedMode]:
 
 
 def _shape(
-    mode: Mode, channels: tuple[str, ...], model: Model, units: ChannelUnits
+    mode: Mode, channels: tuple[str, ...], model: ElementModel, units: ChannelUnits
 ) -> tuple[Float[np.ndarray, " channel"] | None, Float[np.ndarray, " channel"] | None]:
     """Real shape over the model's channels, and the sds of its components."""
     heard = [name for name in channels if name in model.sees and name in units.worth]

@@ -15,7 +15,7 @@ TOLD = 0.9
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Suspect:
+class SuspectGroup:
     """One or more parameters of which one has changed.
 
     Parameters
@@ -35,7 +35,7 @@ class Suspect:
 
         Examples
         --------
-        >>> Suspect("j2", ("j2 has lost 8 % ± 1 % of its stiffness",)).sentence
+        >>> SuspectGroup("j2", ("j2 has lost 8 % ± 1 % of its stiffness",)).sentence
         'j2 has lost 8 % ± 1 % of its stiffness.'
         """
         if len(self.sizes) == 1:
@@ -45,13 +45,13 @@ class Suspect:
         )
 
 
-def suspects_of(named: NamedChanges) -> tuple[Suspect, ...]:
+def suspects_of(named: NamedChanges) -> tuple[SuspectGroup, ...]:
     """Return the changed parameters: first those that all likely hypotheses share."""
     place = {name: i for i, name in enumerate(named.inclusion)}
     rivals = _rivals(named.hypotheses)
     shared = set.intersection(*(set(one.names) for one in rivals))
     found = [
-        Suspect(name, (_size(rivals[0], name),))
+        SuspectGroup(name, (_size(rivals[0], name),))
         for name in sorted(shared, key=place.__getitem__)
     ]
     # In a fixed order, so that the text does not change while the probabilities vary.
@@ -63,7 +63,7 @@ def suspects_of(named: NamedChanges) -> tuple[Suspect, ...]:
             " and ".join(_size(one, name) for name in names)
             for one, names in zip(rivals, rest, strict=True)
         )
-        found.append(Suspect(word, sizes))
+        found.append(SuspectGroup(word, sizes))
     return tuple(found)
 
 

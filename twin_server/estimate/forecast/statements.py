@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from slowtime.evolution.forecasting import verification
-from slowtime.evolution.forecasting.verification import LEVELS, ReliabilityClass, Widening
+from slowtime.evolution.forecasting.verification import LEVELS, StatementClass, Widening
 from twin_server.registration.thresholds import Limit
 
 from .changes import ForecastState, Past
@@ -53,7 +53,7 @@ class Truth(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Coverage:
+class IntervalCoverage:
     """How often a central interval held.
 
     Parameters
@@ -77,7 +77,7 @@ class Coverage:
 class QuantityScore:
     """What came of the bands of one quantity."""
 
-    coverage: tuple[Coverage, ...]
+    coverage: tuple[IntervalCoverage, ...]
     widening: Widening
 
 
@@ -113,7 +113,7 @@ class Verification:
 
     quantities: Mapping[str, QuantityScore]
     decided: tuple[Decided, ...]
-    classes: tuple[ReliabilityClass, ...]
+    classes: tuple[StatementClass, ...]
     brier: float | None
     effective: float
 
@@ -274,12 +274,12 @@ def _instants(stated: Mapping[str, Any] | None) -> tuple[Sequence[float], np.nda
     return stated["instants"], np.array(stated["quantiles"])
 
 
-def _coverage(told: np.ndarray, level: float, effective: float) -> Coverage:
+def _coverage(told: np.ndarray, level: float, effective: float) -> IntervalCoverage:
     held = int(np.sum(told <= verification.half_width(level)))
     lo, hi = 0.0, 1.0
     if len(told):
         lo, hi = verification.binomial_interval(held / len(told), effective)
-    return Coverage(level, len(told), held, lo, hi)
+    return IntervalCoverage(level, len(told), held, lo, hi)
 
 
 def _known(

@@ -13,7 +13,7 @@ from twin_server.registration.costs import SECONDS
 
 from .plan import Planned, PlanOrder, plan_of
 from .wording import (
-    When,
+    TimeWording,
     changes_of,
     last_order_sentence,
     option_words,
@@ -41,7 +41,7 @@ def answer_of_plan(twin_id: str, order: PlanOrder, made: Planned) -> dict[str, A
     plan, costs, since_ns = made.plan, order.costs, order.since_ns
     seconds = _seconds(order)
     ahead = not plan.futures.access.is_immediate
-    when = When(costs.time_unit, since_ns, seconds, order.unit, ahead)
+    when = TimeWording(costs.time_unit, since_ns, seconds, order.unit, ahead)
     clock = _Clock(order.laws.now, made.slow_per_unit, since_ns, seconds)
     rows = np.unique(np.round(np.linspace(0, len(plan.futures.time) - 1, CURVE)).astype(int))
     failure, ranking = order.decision.failure, plan.ranking
@@ -147,7 +147,7 @@ def _option(
     plan: Plan,
     row: int,
     order: PlanOrder,
-    when: When,
+    when: TimeWording,
     clock: _Clock,
     rows: Any,
 ) -> dict[str, Any]:
@@ -165,7 +165,9 @@ def _option(
     }
 
 
-def _last_order(plan: Plan, lead_time: float, when: When, clock: _Clock) -> dict[str, Any]:
+def _last_order(
+    plan: Plan, lead_time: float, when: TimeWording, clock: _Clock
+) -> dict[str, Any]:
     last = plan.last_order
 
     def told(time: float) -> dict[str, Any] | None:
@@ -203,7 +205,7 @@ def _times(
     return [clock.at(time) if np.isfinite(time) else None for time in times]
 
 
-def _worth(worth: Worth, order: PlanOrder, when: When, clock: _Clock) -> dict[str, Any]:
+def _worth(worth: Worth, order: PlanOrder, when: TimeWording, clock: _Clock) -> dict[str, Any]:
     return {
         "name": worth.observation.name,
         "kind": worth.observation.kind,

@@ -51,7 +51,7 @@ def money(amount: float, currency: str) -> str:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class When:
+class TimeWording:
     """Writes spans and instants for people, with dates if the calendar is known.
 
     Parameters
@@ -110,7 +110,7 @@ class When:
         return f"{said} ({datetime.datetime.fromtimestamp(at_s, datetime.UTC):%Y-%m-%d})"
 
 
-def option_words(option: Option, when: When) -> str:
+def option_words(option: Option, when: TimeWording) -> str:
     """Name an option with its parameters."""
     given: Mapping[str, float] = option.parameters
     share = f"{100 * given.get('damage', 0.0):.3g} %"
@@ -150,7 +150,7 @@ def option_words(option: Option, when: When) -> str:
     return words[option.name]()
 
 
-def sentence_of(plan: Plan, currency: str, when: When) -> str:
+def sentence_of(plan: Plan, currency: str, when: TimeWording) -> str:
     """Describe the best option, its time and reason, or that it cannot be decided."""
     ranking = plan.ranking
     if not ranking.is_known and ranking.other is not None:
@@ -165,7 +165,7 @@ def sentence_of(plan: Plan, currency: str, when: When) -> str:
     return f"{said}. Without a repair it fails within that time with probability {failing}."
 
 
-def _due(plan: Plan, when: When) -> str:
+def _due(plan: Plan, when: TimeWording) -> str:
     """Describe the time of a repair that depends on later readings."""
     best, weights = plan.best, plan.futures.weights
     times = best.repair_time
@@ -183,7 +183,7 @@ def _due(plan: Plan, when: When) -> str:
     return f", expected {'to be done ' if when.ahead else ''}in {when.moment(at)}"
 
 
-def last_order_sentence(plan: Plan, when: When) -> str:
+def last_order_sentence(plan: Plan, when: TimeWording) -> str:
     """State the last safe day to order a repair, with the limit that it is judged by."""
     last = plan.last_order
     chance = probability_in_words(last.probability)
@@ -213,7 +213,7 @@ def last_order_sentence(plan: Plan, when: When) -> str:
     )
 
 
-def _passed(plan: Plan, when: When) -> str:
+def _passed(plan: Plan, when: TimeWording) -> str:
     last = plan.last_order
     if math.isfinite(last.order):
         said = f"The last safe day to order a repair was {when.span(-last.order)} ago."
@@ -228,7 +228,7 @@ def _passed(plan: Plan, when: When) -> str:
     )
 
 
-def _undecided(plan: Plan, currency: str, when: When) -> str:
+def _undecided(plan: Plan, currency: str, when: TimeWording) -> str:
     ranking = plan.ranking
     assert ranking.other is not None
     first = option_words(plan.best, when)
@@ -247,7 +247,7 @@ def _undecided(plan: Plan, currency: str, when: When) -> str:
     return f"{said} It would be decided by {worth_words(advice, currency, when)}."
 
 
-def worth_words(worth: Worth, currency: str, when: When) -> str:
+def worth_words(worth: Worth, currency: str, when: TimeWording) -> str:
     """Name an observation, its time, and its value beyond its cost."""
     place = "now" if worth.at == 0.0 else f"within {when.moment(worth.at)}"
     if worth.net > 0:
@@ -255,7 +255,7 @@ def worth_words(worth: Worth, currency: str, when: When) -> str:
     return f"{worth.observation.name} {place}, not worth its cost or its wait"
 
 
-def changes_of(plan: Plan, currency: str, when: When) -> list[str]:
+def changes_of(plan: Plan, currency: str, when: TimeWording) -> list[str]:
     """Describe the costs at which another plan would be best."""
     if plan.ranking.other is None:
         return []

@@ -25,7 +25,7 @@ from twin_server.persist.tables.checksums import (
     QUARANTINE,
     RUNS,
     TWINS,
-    Table,
+    SqlTable,
 )
 from twin_server.persist.tables.counted import count_of
 from twin_server.persist.tables.search import SHIFT
@@ -59,7 +59,7 @@ class Coverage(NamedTuple):
         Whether a row is never written again: a second entry of its key is a forgery.
     """
 
-    table: Table
+    table: SqlTable
     kind: str
     owner: Callable[[Row], str | int]
     owned: str | None
@@ -96,13 +96,13 @@ class Coverage(NamedTuple):
         return f"a row of {self.table.name} (key {key:014x})"
 
 
-def _column(table: Table, name: str) -> Callable[[Row], Any]:
+def _column(table: SqlTable, name: str) -> Callable[[Row], Any]:
     at = table.columns.index(name)
     return lambda row: row[at]
 
 
 def _of_twin(
-    table: Table, kind: str, *keys: str, column: str = "twin", is_appended: bool = False
+    table: SqlTable, kind: str, *keys: str, column: str = "twin", is_appended: bool = False
 ) -> Coverage:
     named = _column(table, column)
     return Coverage(

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from slowtime_services.ledger import Entry, states_digest
 from slowtime_services.ledger import chain as kinds
-from twin_server.persist.tables.checksums import Table
+from twin_server.persist.tables.checksums import SqlTable
 from twin_server.persist.tables.statements import Connection
 
 from .coverage import COVERED, SERVER, Row
@@ -30,13 +30,13 @@ class Journal:
         """Take entries of other kinds than rows."""
         self.entries.setdefault(owner, []).extend(entries)
 
-    def put(self, table: Table, rows: Iterable[Row]) -> None:
+    def put(self, table: SqlTable, rows: Iterable[Row]) -> None:
         """Note rows that were written, without their checksums."""
         coverage = COVERED[table.name]
         for row in rows:
             self.add(self.owner(coverage.owner(row)), [coverage.written(row)])
 
-    def remove(self, table: Table, rows: Iterable[Row]) -> None:
+    def remove(self, table: SqlTable, rows: Iterable[Row]) -> None:
         """Note rows that were removed; of each the owner and the key are needed only."""
         coverage = COVERED[table.name]
         for row in rows:
@@ -59,7 +59,7 @@ class Journal:
         return self._twins[given]
 
 
-def of_key(table: Table, **keys: object) -> tuple[object, ...]:
+def of_key(table: SqlTable, **keys: object) -> tuple[object, ...]:
     """Return a row of which only some columns are known, to note that it was removed.
 
     Examples

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from slowtime_services.ledger import CompactRange, Leaf, Link, beginning, followed
+from slowtime_services.ledger import CompactRange, Link, MerkleLeaf, beginning, followed
 from slowtime_services.ledger import chain as kinds
 from slowtime_services.ledger.chain import GONE, WIDTH
 from twin_server.persist.chains.coverage import COVERED, OF_KIND
@@ -55,7 +55,7 @@ class Walk:
     end: Link
     covered: int = 0
     """Number of entries that the head covers to which the audit refers."""
-    treeless: Leaf | None = None
+    treeless: MerkleLeaf | None = None
     """Newest leaf that a head of version 10 or older signed; its hash covers the states."""
     log: CompactRange = dataclasses.field(default_factory=CompactRange)
     wrong: str | None = None
@@ -92,7 +92,7 @@ def blocks(reader: Any, owner: str) -> Iterator[tuple[int, bytes, bytes]]:
 def walk(
     reader: Any,
     owner: str,
-    leaves: dict[int, Leaf],
+    leaves: dict[int, MerkleLeaf],
     covered: int,
     sealed_after: int | None,
     seal: Seal | None,
@@ -139,7 +139,7 @@ def walk(
     return found
 
 
-def _is_vouched(found: Walk, leaf: Leaf | None, *, with_tree: bool) -> bool:
+def _is_vouched(found: Walk, leaf: MerkleLeaf | None, *, with_tree: bool) -> bool:
     if leaf is None:
         return True
     is_same = leaf.link == found.end.digest.hex()

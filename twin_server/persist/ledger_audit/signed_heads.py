@@ -4,7 +4,7 @@ import dataclasses
 import json
 from typing import Any
 
-from slowtime_services.ledger import Head, Leaf, follows
+from slowtime_services.ledger import Head, MerkleLeaf, follows
 from twin_server.persist.tables.ledger import heads as heads_after
 
 from .result import Audit
@@ -25,8 +25,8 @@ class Vouched:
         Leaf of each chain in the head that the audit refers to.
     """
 
-    leaves: dict[str, dict[int, Leaf]] = dataclasses.field(default_factory=dict)
-    against: dict[str, Leaf] = dataclasses.field(default_factory=dict)
+    leaves: dict[str, dict[int, MerkleLeaf]] = dataclasses.field(default_factory=dict)
+    against: dict[str, MerkleLeaf] = dataclasses.field(default_factory=dict)
 
 
 def check_heads(reader: Any, found: Audit, public: str | None, kept: Head | None) -> Vouched:
@@ -58,13 +58,13 @@ def check_heads(reader: Any, found: Audit, public: str | None, kept: Head | None
     return vouched
 
 
-def _take(row: Any, found: Audit, public: str | None) -> list[Leaf] | None:
+def _take(row: Any, found: Audit, public: str | None) -> list[MerkleLeaf] | None:
     """Check a head against those before; return its leaves, or None where it is not right."""
     which = f"head {row.number}"
     try:
         told = json.loads(row.body)
         head = Head.of(told["head"])
-        leaves = [Leaf(*leaf) for leaf in told["leaves"]]
+        leaves = [MerkleLeaf(*leaf) for leaf in told["leaves"]]
         found.standing.take(leaves)
         root = found.standing.root
     except (ValueError, KeyError, TypeError):

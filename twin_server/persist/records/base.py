@@ -8,7 +8,7 @@ from typing import Any
 from twin_server.persist.chains import Journal
 from twin_server.persist.history_hashes import HistoryHashes
 from twin_server.persist.tables import ledger as ledger_table
-from twin_server.persist.tables.checksums import Table
+from twin_server.persist.tables.checksums import SqlTable
 from twin_server.persist.tables.statements import Connection, select
 
 
@@ -52,6 +52,8 @@ class SqlBase(abc.ABC):
         """Seal what is chained from now on with the server's key; None: do not seal."""
         self._ends.seal = seal
 
-    def _all(self, table: Table, where: str = "", parameters: Sequence[Any] = ()) -> list[Any]:
+    def _all(
+        self, table: SqlTable, where: str = "", parameters: Sequence[Any] = ()
+    ) -> list[Any]:
         with self._reading() as reader:
             return select(reader, table, where, parameters)

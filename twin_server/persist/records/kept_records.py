@@ -3,9 +3,10 @@
 import contextlib
 from collections.abc import Iterator, Sequence
 
+from slowtime_schemas.answers.alarms import DeliveryState
 from slowtime_services.ledger import Entry, Link
 from twin_server.events.asset_events import AssetEventRow
-from twin_server.events.deliveries import Acknowledgement, Delivery, State, Tally
+from twin_server.events.deliveries import AlarmAcknowledgement, Delivery, DeliveryTally
 from twin_server.persist.chains.basis import renew
 from twin_server.persist.chains.journal import of_key
 from twin_server.persist.tables import asset_events as asset_events_table
@@ -71,7 +72,7 @@ class SqlRecords(QuarantineTable):
         *,
         twin: str | None = None,
         receiver: str | None = None,
-        states: Sequence[State] = (),
+        states: Sequence[DeliveryState] = (),
         due_ns: int | None = None,
         limit: int = 100,
     ) -> list[Delivery]:
@@ -85,7 +86,7 @@ class SqlRecords(QuarantineTable):
             journal.put(DELIVERIES, deliveries_table.settle(writer, settled))
             journal.put(DELIVERIES, deliveries_table.insert(writer, begun))
 
-    def tallies(self) -> list[Tally]:
+    def tallies(self) -> list[DeliveryTally]:
         """Count deliveries by twin, receiver and state."""
         with self._reading() as reader:
             return deliveries_table.tallies(reader)
@@ -98,7 +99,7 @@ class SqlRecords(QuarantineTable):
                 DELIVERIES, (of_key(DELIVERIES, id=i, twin=twin) for i, twin in gone)
             )
 
-    def acknowledgements(self, twin_id: str) -> dict[str, Acknowledgement]:
+    def acknowledgements(self, twin_id: str) -> dict[str, AlarmAcknowledgement]:
         """Read the acknowledgements of alarms of a twin."""
         with self._reading() as reader:
             return deliveries_table.acknowledged(reader, twin_id)

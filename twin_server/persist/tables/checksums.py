@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from twin_server.persist.errors import DamagedStoreError
 
 
-class Table(NamedTuple):
+class SqlTable(NamedTuple):
     """A table of the store: its columns, and which checksum covers which of them."""
 
     name: str
@@ -36,10 +36,10 @@ class Table(NamedTuple):
         return self.sealed(row[:count])[count:] == tuple(row[count:])
 
 
-def _table(name: str, columns: str, key: str, **seals: str) -> Table:
+def _table(name: str, columns: str, key: str, **seals: str) -> SqlTable:
     names = tuple(columns.split())
     covered = {n: tuple(c.split()) for n, c in seals.items()} or {"crc": names}
-    return Table(name, names, tuple(covered.items()), key)
+    return SqlTable(name, names, tuple(covered.items()), key)
 
 
 TWINS = _table("twins", "id place site asset registration checkpoint", "place")
@@ -127,7 +127,7 @@ def damaged(what: str) -> DamagedStoreError:
     )
 
 
-def opened(table: Table, rows: Iterable[Sequence[Any]]) -> list[tuple[Any, ...]]:
+def opened(table: SqlTable, rows: Iterable[Sequence[Any]]) -> list[tuple[Any, ...]]:
     """Return the columns of all rows; the checksum of each row is verified."""
     count, found = len(table.columns), []
     for row in rows:

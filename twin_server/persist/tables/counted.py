@@ -8,7 +8,7 @@ and a count over all twins; the counts of twins that have such rows go on behind
 
 from collections.abc import Mapping
 
-from .checksums import NUMBERS, Table
+from .checksums import NUMBERS, SqlTable
 from .statements import KEYS_PER_QUERY, Connection, last_number, rows_by_key, upsert
 
 BITS = 32
@@ -34,7 +34,7 @@ def count_of(key: int) -> int:
     return key & _COUNT
 
 
-def next_keys(writer: Connection, table: Table, rows: Mapping[str, int]) -> dict[str, range]:
+def next_keys(writer: Connection, table: SqlTable, rows: Mapping[str, int]) -> dict[str, range]:
     """Take the next keys of twins.
 
     Parameters
@@ -50,7 +50,7 @@ def next_keys(writer: Connection, table: Table, rows: Mapping[str, int]) -> dict
     return found
 
 
-def key_after(reader: Connection, table: Table, twin: str, number: int) -> int:
+def key_after(reader: Connection, table: SqlTable, twin: str, number: int) -> int:
     """Return the key behind which the rows of a twin lie that follow a number."""
     last = last_number(reader, _name(table, twin))
     if last is None:
@@ -62,7 +62,7 @@ def key_after(reader: Connection, table: Table, twin: str, number: int) -> int:
     return number if number < (of_before or 0) else key
 
 
-def _last_keys(writer: Connection, table: Table, twins: list[str]) -> dict[str, int]:
+def _last_keys(writer: Connection, table: SqlTable, twins: list[str]) -> dict[str, int]:
     """Return the last key of each twin; one that has none yet gets a place."""
     names = {_name(table, twin): twin for twin in twins}
     known = rows_by_key(writer, NUMBERS, list(names))
@@ -79,7 +79,7 @@ def _last_keys(writer: Connection, table: Table, twins: list[str]) -> dict[str, 
     return last
 
 
-def _counts_of_before(writer: Connection, table: Table, twins: list[str]) -> dict[str, int]:
+def _counts_of_before(writer: Connection, table: SqlTable, twins: list[str]) -> dict[str, int]:
     """Return where the counts of twins go on that have rows with a number over all twins."""
     last = last_number(writer, OVER_ALL_TWINS[table.name]) or 0
     found: dict[str, int] = {}
@@ -94,5 +94,5 @@ def _counts_of_before(writer: Connection, table: Table, twins: list[str]) -> dic
     return found
 
 
-def _name(table: Table, twin: str) -> str:
+def _name(table: SqlTable, twin: str) -> str:
     return f"{table.name} of {twin}"

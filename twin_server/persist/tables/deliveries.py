@@ -3,9 +3,10 @@
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from twin_server.events.deliveries import OPEN, Acknowledgement, Delivery, State, Tally
+from slowtime_schemas.answers.alarms import DeliveryState
+from twin_server.events.deliveries import OPEN, AlarmAcknowledgement, Delivery, DeliveryTally
 
-from .checksums import ACKNOWLEDGEMENTS, DELIVERIES, Table, opened
+from .checksums import ACKNOWLEDGEMENTS, DELIVERIES, SqlTable, opened
 from .statements import absent
 from .statements import insert as insert_rows
 
@@ -29,7 +30,7 @@ def settle(writer: Any, rows: Iterable[Delivery]) -> list[Row]:
     ]
 
 
-def acknowledge(writer: Any, rows: Iterable[Acknowledgement]) -> list[Row]:
+def acknowledge(writer: Any, rows: Iterable[AlarmAcknowledgement]) -> list[Row]:
     """Store acknowledgements of alarms, and return them; the first of each is kept."""
     return _insert_absent(writer, ACKNOWLEDGEMENTS, "event", rows)
 
@@ -38,7 +39,7 @@ def select(
     reader: Any,
     twin: str | None,
     receiver: str | None,
-    states: Sequence[State],
+    states: Sequence[DeliveryState],
     due_ns: int | None,
     limit: int,
 ) -> list[Delivery]:
@@ -63,13 +64,13 @@ def select(
     return [Delivery(*row) for row in opened(DELIVERIES, rows)]
 
 
-def tallies(reader: Any) -> list[Tally]:
+def tallies(reader: Any) -> list[DeliveryTally]:
     """Count deliveries by twin, receiver and state."""
     rows = reader.execute(
         "select twin, receiver, state, count(*), min(created_ns) from deliveries "
         "group by twin, receiver, state order by twin, receiver, state"
     )
-    return [Tally(*row) for row in rows]
+    return [DeliveryTally(*row) for row in rows]
 
 
 def forget(writer: Any, before_ns: int) -> list[tuple[str, str]]:
@@ -80,17 +81,17 @@ def forget(writer: Any, before_ns: int) -> list[tuple[str, str]]:
     return [(row[0], row[1]) for row in gone]
 
 
-def acknowledged(reader: Any, twin_id: str) -> dict[str, Acknowledgement]:
+def acknowledged(reader: Any, twin_id: str) -> dict[str, AlarmAcknowledgement]:
     """Read the acknowledgements of alarms of a twin, by the identity of the event."""
     rows = reader.execute(
         f"select {', '.join(ACKNOWLEDGEMENTS.all_columns)} from acknowledgements "
         "where twin = ? order by t_ns, event",
         (twin_id,),
     )
-    return {row[0]: Acknowledgement(*row) for row in opened(ACKNOWLEDGEMENTS, rows)}
+    return {row[0]: AlarmAcknowledgement(*row) for row in opened(ACKNOWLEDGEMENTS, rows)}
 
 
-def _insert_absent(writer: Any, table: Table, key: str, rows: Iterable[Row]) -> list[Row]:
+def _insert_absent(writer: Any, table: SqlTable, key: str, rows: Iterable[Row]) -> list[Row]:
     new = absent(writer, table, (key,), rows)
     insert_rows(writer, table, new)
     return new

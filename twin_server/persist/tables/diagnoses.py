@@ -3,11 +3,11 @@
 import zlib
 from typing import Any, NamedTuple
 
-from .checksums import DIAGNOSES, Table, damaged, opened, seal
+from .checksums import DIAGNOSES, SqlTable, damaged, opened, seal
 from .counted import NUMBERED, count_of, next_keys
 from .statements import insert as insert_rows
 
-_BRIEF = Table("diagnoses", DIAGNOSES.columns[:8], DIAGNOSES.seals[:1], "number")
+_BRIEF = SqlTable("diagnoses", DIAGNOSES.columns[:8], DIAGNOSES.seals[:1], "number")
 
 
 class DiagnosisRow(NamedTuple):

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from typing import Any, Protocol
 
-from .checksums import NUMBERS, Table, opened
+from .checksums import NUMBERS, SqlTable, opened
 
 KEYS_PER_QUERY = 500
 """Keys that one `in (…)` names at most; SQLite before 3.32 allows 999 parameters."""
@@ -26,7 +26,7 @@ class Connection(Protocol):
 
 def select(
     reader: Connection,
-    table: Table,
+    table: SqlTable,
     where: str = "",
     parameters: Sequence[Any] = (),
     limit: int = ALL_ROWS,
@@ -43,7 +43,7 @@ def select(
 
 def insert(
     writer: Connection,
-    table: Table,
+    table: SqlTable,
     rows: Iterable[Sequence[object]],
     *,
     otherwise: str = "",
@@ -60,7 +60,7 @@ def insert(
 
 
 def absent(
-    reader: Connection, table: Table, keys: Sequence[str], rows: Iterable[Sequence[Any]]
+    reader: Connection, table: SqlTable, keys: Sequence[str], rows: Iterable[Sequence[Any]]
 ) -> list[Sequence[Any]]:
     """Return the rows whose key is not there yet; of several of one key the first."""
     at = [table.columns.index(name) for name in keys]
@@ -75,14 +75,14 @@ def absent(
     return list(found.values())
 
 
-def upsert(writer: Connection, table: Table, rows: Iterable[Sequence[object]]) -> None:
+def upsert(writer: Connection, table: SqlTable, rows: Iterable[Sequence[object]]) -> None:
     """Insert rows whose first column is their key, or replace those of the same key."""
     key, *others = table.all_columns
     changed = ", ".join(f"{name} = excluded.{name}" for name in others)
     insert(writer, table, rows, otherwise=f"on conflict ({key}) do update set {changed}")
 
 
-def rows_by_key(writer: Connection, table: Table, keys: Sequence[object]) -> dict[Any, Any]:
+def rows_by_key(writer: Connection, table: SqlTable, keys: Sequence[object]) -> dict[Any, Any]:
     """Rows of the given keys, by them."""
     found: dict[Any, Any] = {}
     for first in range(0, len(keys), KEYS_PER_QUERY):

@@ -37,7 +37,7 @@ from twin_server.estimate.forecast.known_events import (
 )
 from twin_server.events.asset_events import TOLD, effective
 from twin_server.fairness import ALONE, Holder, acting_for, current_holder
-from twin_server.persist import History, Store
+from twin_server.persist import Store, StoredHistory
 from twin_server.pipeline.analysis.learning_input import (
     LOOK_BACK,
     SHIFT,
@@ -55,7 +55,7 @@ from twin_server.pipeline.analysis.learning_input import (
 from twin_server.pipeline.analysis.past_outlooks import (
     LOOK_FAR_BACK,
     PastOutlooks,
-    Verified,
+    Scored,
     cut,
     due_at,
     keys_of,
@@ -94,7 +94,7 @@ Run: TypeAlias = Callable[..., Any]
 
 
 @dataclasses.dataclass(slots=True)
-class _Kept:
+class _CachedForecast:
     """Cached state of one twin; changed by the holder of its lock."""
 
     lock: threading.Lock = dataclasses.field(default_factory=threading.Lock)
@@ -165,7 +165,7 @@ class ForecastCache:
     ) -> None:
         self._pipeline, self._store = pipeline, store
         self._refresh, self._run, self._on_renewed = refresh, run, on_renewed
-        self._kept: collections.OrderedDict[str, _Kept] = collections.OrderedDict()
+        self._kept: collections.OrderedDict[str, _CachedForecast] = collections.OrderedDict()
         self._lock = threading.Lock()
         self._past = PastOutlooks(store)
         self._of_the_past: dict[str, tuple[LearningInput, LearntLaws]] = {}
@@ -261,7 +261,7 @@ class ForecastCache:
         return CachedForecast(known, unit)
 
     def _tell_crossings(
-        self, twin_id: str, kept: _Kept, horizon: float | None, told: ChangeForecast
+        self, twin_id: str, kept: _CachedForecast, horizon: float | None, told: ChangeForecast
     ) -> None:
         """Take over what a request has computed, so that all say the same of the future."""
         twin = self._pipeline.twin(twin_id)
@@ -290,7 +290,7 @@ class ForecastCache:
         known = twin.registration
         return bool(known.thresholds() or known.limit_states or known.decision)
 
-    def _tell_anew(self, twin_id: str, kept: _Kept) -> None:
+    def _tell_anew(self, twin_id: str, kept: _CachedForecast) -> None:
         """Forecast a twin whose future is watched, though nobody asks."""
         twin = self._pipeline.twin(twin_id)
         if twin is None:
@@ -359,7 +359,7 @@ class ForecastCache:
         self,
         twin: Twin,
         twin_id: str,
-        found: History,
+        found: StoredHistory,
         until: tuple[int | None, float | None],
     ) -> _PastState | None:
         """Compute the state after the last row of a history, from what was known then."""
@@ -424,7 +424,7 @@ class ForecastCache:
             self._widen(twin_id, kept)
         return False
 
-    def _outlook_is_due(self, twin_id: str, kept: _Kept) -> bool:
+    def _outlook_is_due(self, twin_id: str, kept: _CachedForecast) -> bool:
         """Whether one may be due: known from the newest rows where all before were kept."""
         with kept.lock:
             rows, stated = kept.rows, kept.stated
@@ -432,7 +432,7 @@ class ForecastCache:
             return True
         return any(due_at(key) for key in rows.keys[rows.keys > stated].tolist())
 
-    def _widen(self, twin_id: str, kept: _Kept) -> None:
+    def _widen(self, twin_id: str, kept: _CachedForecast) -> None:
         """Take over the spread that past outlooks call for."""
         with kept.lock:
             last = kept.last
@@ -442,7 +442,7 @@ class ForecastCache:
                 kept.prospect = dataclasses.replace(kept.prospect, widening=factors)
                 kept.answers.clear()
 
-    def verified(self, twin_id: str) -> Verified | None:
+    def verified(self, twin_id: str) -> Scored | None:
         """Give the kept outlooks of a twin with their scores; None where there are none."""
         twin = self._pipeline.twin(twin_id)
         known = self._past.known(twin_id)
@@ -455,7 +455,7 @@ class ForecastCache:
         told = self._told_of(twin, twin_id, found)
         return self._past.verify(twin_id, twin, found, _interrupted(renewals, told.known))
 
-    def _up_to_date(self, twin_id: str) -> _Kept | None:
+    def _up_to_date(self, twin_id: str) -> _CachedForecast | None:
         twin = self._pipeline.twin(twin_id)
         if twin is None:
             return None
@@ -473,9 +473,9 @@ class ForecastCache:
             self._ask(twin_id)
         return kept
 
-    def _known(self, twin_id: str) -> _Kept:
+    def _known(self, twin_id: str) -> _CachedForecast:
         with self._lock:
-            kept = self._kept.setdefault(twin_id, _Kept())
+            kept = self._kept.setdefault(twin_id, _CachedForecast())
             self._kept.move_to_end(twin_id)
             while len(self._kept) > MOST_KEPT:
                 self._kept.popitem(last=False)
@@ -486,7 +486,7 @@ class ForecastCache:
             self._due.setdefault(twin_id)
             self._changed.notify_all()
 
-    def _absorb(self, kept: _Kept, twin: Twin) -> None:
+    def _absorb(self, kept: _CachedForecast, twin: Twin) -> None:
         """Step through waiting readings; mark the state invalid if their order is broken."""
         waiting, kept.waiting, kept.count = kept.waiting, [], 0
         for news in waiting:
@@ -518,7 +518,7 @@ class ForecastCache:
             kept.rows = kept.rows.with_more(numbers, news.states)
             kept.last, kept.unit = int(kept.rows.keys[-1]), news.runs[-1][2]
 
-    def _learning_input(self, kept: _Kept, twin: Twin) -> LearningInput | None:
+    def _learning_input(self, kept: _CachedForecast, twin: Twin) -> LearningInput | None:
         """Make the learning input that the readings so far call for; None without readings."""
         rows = kept.rows
         if rows is None:
@@ -526,7 +526,7 @@ class ForecastCache:
         last = learning_mark(rows, kept.changes, kept.told.known, self._refresh)
         return learning_input_of(twin, rows, last, kept.changes, kept.told.known)
 
-    def _renew(self, twin_id: str, kept: _Kept) -> None:
+    def _renew(self, twin_id: str, kept: _CachedForecast) -> None:
         """Read the newest part of the history, and learn where it calls for it.
 
         One at a time: who comes meanwhile finds what the first has learnt.
@@ -569,7 +569,7 @@ class ForecastCache:
                 self._absorb(kept, twin)
 
     def _learn(
-        self, twin: Twin, found: History, last: int, learnt_from: LearningInput
+        self, twin: Twin, found: StoredHistory, last: int, learnt_from: LearningInput
     ) -> LearntLaws:
         known = _past_until(twin, found, last + 1)
         process = twin.registration.forecast.process
@@ -582,7 +582,7 @@ class ForecastCache:
         self,
         twin: Twin,
         twin_id: str,
-        found: History,
+        found: StoredHistory,
         until: tuple[int | None, float | None] = (None, None),
     ) -> _ToldEvents:
         """Place the reported events up to an instant in a history."""
@@ -602,8 +602,8 @@ class ForecastCache:
         return _ToldEvents(events, known)
 
     def _since_renewal(
-        self, twin_id: str, found: History, until_ns: int | None = None
-    ) -> tuple[History, dict[str, list[float]], list[float]]:
+        self, twin_id: str, found: StoredHistory, until_ns: int | None = None
+    ) -> tuple[StoredHistory, dict[str, list[float]], list[float]]:
         """Return readings and sudden changes since the last renewal, and all renewals.
 
         Changes are slow times after which each quantity was told to have gone elsewhere.
@@ -681,7 +681,7 @@ def _interrupted(renewals: Sequence[float], known: KnownEvents) -> list[float]:
 
 
 def _forecast_state(
-    twin: Twin, found: History, last: int, laws: LearntLaws, known: KnownEvents
+    twin: Twin, found: StoredHistory, last: int, laws: LearntLaws, known: KnownEvents
 ) -> ForecastState | None:
     """Take in the readings up to the mark, then those behind it one after the other."""
     prospect = forecast_state_of(_past_until(twin, found, last + 1), laws, known)
@@ -696,6 +696,6 @@ def _forecast_state(
         return forecast_state_of(_past_until(twin, found, len(found.states)), laws, known)
 
 
-def _past_until(twin: Twin, found: History, count: int) -> dict[str, Past]:
+def _past_until(twin: Twin, found: StoredHistory, count: int) -> dict[str, Past]:
     """Return the past of a twin from its first `count` states of `found`."""
     return past_states(twin, found.states[:count], found.bodies[:count])

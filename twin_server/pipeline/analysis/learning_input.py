@@ -15,7 +15,7 @@ from twin_server.estimate.forecast.changes import FEWEST
 from twin_server.estimate.forecast.known_events import KnownEvents, jump_times
 from twin_server.estimate.renewals import RENEWED
 from twin_server.history.states import States
-from twin_server.persist import History
+from twin_server.persist import StoredHistory
 from twin_server.pipeline.ingestion.updates import TwinUpdate
 from twin_server.pipeline.monitoring.model_changes import CHANGED
 from twin_server.registration.twin import Registration
@@ -200,7 +200,7 @@ def renewals_in(bodies: Iterable[str]) -> list[float]:
     return found
 
 
-def since_last_renewal(found: History, renewals: list[float]) -> History:
+def since_last_renewal(found: StoredHistory, renewals: list[float]) -> StoredHistory:
     """Keep a history from the last reading that is the first of a renewed structure.
 
     Parameters

@@ -24,7 +24,7 @@ from twin_server.estimate.forecast.statements import (
     verify,
 )
 from twin_server.history.states import States
-from twin_server.persist import History, OutlookRow, Store
+from twin_server.persist import OutlookRow, Store, StoredHistory
 
 from .learning_input import LOOK_BACK, SHIFT, Key
 
@@ -35,7 +35,7 @@ MOST_KEPT = 500
 """Twins whose scores are kept in memory, those asked for last: some 100 kB each."""
 
 
-class Verified(NamedTuple):
+class Scored(NamedTuple):
     """Kept outlooks of a twin, and their scores as of the last of them."""
 
     key: Key
@@ -59,7 +59,7 @@ class PastOutlooks:
 
     def __init__(self, store: Store) -> None:
         self._store = store
-        self._verified: collections.OrderedDict[str, Verified] = collections.OrderedDict()
+        self._verified: collections.OrderedDict[str, Scored] = collections.OrderedDict()
         self._lock = threading.Lock()
 
     def forget(self, twin_id: str) -> None:
@@ -75,7 +75,7 @@ class PastOutlooks:
         widening = json.loads(rows[0].body)["widening"]
         return {name: one["factor"] for name, one in widening.items()}
 
-    def due(self, twin_id: str, found: History, stated: Key | None) -> list[int]:
+    def due(self, twin_id: str, found: StoredHistory, stated: Key | None) -> list[int]:
         """Rows of a history after which an outlook has to be kept, and is not yet.
 
         Parameters
@@ -95,7 +95,7 @@ class PastOutlooks:
         self,
         twin_id: str,
         twin: Twin,
-        found: History,
+        found: StoredHistory,
         state: ForecastState,
         interrupted: Sequence[float],
     ) -> None:
@@ -127,9 +127,9 @@ class PastOutlooks:
         key = keys_of(found)[-1]
         body = to_json(stated).decode()
         self._store.add_outlook(OutlookRow(twin_id, key, state.since, body), KEPT)
-        self._remember(twin_id, Verified(key, (*before, stated), scores))
+        self._remember(twin_id, Scored(key, (*before, stated), scores))
 
-    def known(self, twin_id: str) -> Verified | None:
+    def known(self, twin_id: str) -> Scored | None:
         """Give the scores of a twin where they are of its last kept outlook; else None."""
         rows = self._store.outlooks(twin_id, None, 1)
         with self._lock:
@@ -137,8 +137,8 @@ class PastOutlooks:
         return known if rows and known is not None and known.key == rows[-1].id else None
 
     def verify(
-        self, twin_id: str, twin: Twin, found: History, interrupted: Sequence[float]
-    ) -> Verified | None:
+        self, twin_id: str, twin: Twin, found: StoredHistory, interrupted: Sequence[float]
+    ) -> Scored | None:
         """Score the kept outlooks of a twin; None where there are none.
 
         Parameters
@@ -154,11 +154,11 @@ class PastOutlooks:
         statements = tuple(json.loads(row.body) for row in rows)
         here = cut(found, sum(key <= rows[-1].id for key in keys_of(found)))
         scores = _scored(statements[:-1], twin, here, interrupted)
-        told = Verified(rows[-1].id, statements, scores)
+        told = Scored(rows[-1].id, statements, scores)
         self._remember(twin_id, told)
         return told
 
-    def _remember(self, twin_id: str, told: Verified) -> None:
+    def _remember(self, twin_id: str, told: Scored) -> None:
         with self._lock:
             self._verified[twin_id] = told
             self._verified.move_to_end(twin_id)
@@ -166,7 +166,7 @@ class PastOutlooks:
                 self._verified.popitem(last=False)
 
 
-def keys_of(found: History) -> list[Key]:
+def keys_of(found: StoredHistory) -> list[Key]:
     """Keys of the rows of a history."""
     return [
         number << SHIFT | sequence
@@ -181,7 +181,7 @@ def due_at(key: Key) -> bool:
     return is_due(key & ((1 << SHIFT) - 1))
 
 
-def cut(found: History, count: int, most: int | None = None) -> History:
+def cut(found: StoredHistory, count: int, most: int | None = None) -> StoredHistory:
     """Keep the first so many rows of a history; of these at most the last `most`."""
     part = slice(0 if most is None else max(count - most, 0), count)
     return found._replace(
@@ -200,7 +200,7 @@ def past_states(twin: Twin, states: States, bodies: Any, **most: int) -> dict[st
 def _scored(
     statements: Sequence[Mapping[str, Any]],
     twin: Twin,
-    found: History,
+    found: StoredHistory,
     interrupted: Sequence[float],
 ) -> Verification:
     past = past_states(twin, found.states, found.bodies, most=LOOK_FAR_BACK)

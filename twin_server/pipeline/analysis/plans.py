@@ -18,9 +18,9 @@ from twin_server.estimate import (
     plan_answer,
     refusal_of,
 )
-from twin_server.persist import History, Store
+from twin_server.persist import Store, StoredHistory
 from twin_server.pipeline.ingestion.pipeline import Pipeline
-from twin_server.pipeline.workers.processes import Workers
+from twin_server.pipeline.workers.processes import WorkerPool
 from twin_server.registration.costs import RepairTerms
 from twin_server.registration.twin import Registration
 
@@ -55,7 +55,7 @@ class _Epoch(NamedTuple):
     sequence: int
 
 
-class _Kept(NamedTuple):
+class _CachedPlan(NamedTuple):
     registration: Registration
     epoch: _Epoch
     prospect: ForecastState | None
@@ -72,11 +72,11 @@ class PlanCache:
     """
 
     def __init__(
-        self, pipeline: Pipeline, store: Store, prospects: ForecastCache, workers: Workers
+        self, pipeline: Pipeline, store: Store, prospects: ForecastCache, workers: WorkerPool
     ) -> None:
         self._pipeline, self._store = pipeline, store
         self._prospects, self._workers = prospects, workers
-        self._kept: collections.OrderedDict[str, _Kept] = collections.OrderedDict()
+        self._kept: collections.OrderedDict[str, _CachedPlan] = collections.OrderedDict()
         self._lock = threading.Lock()
 
     def plan(
@@ -122,7 +122,7 @@ class PlanCache:
             return kept.answer
         answer = self._made(twin_id, twin, found, prospect)
         with self._lock:
-            self._kept[twin_id] = _Kept(twin.registration, epoch, prospect, answer)
+            self._kept[twin_id] = _CachedPlan(twin.registration, epoch, prospect, answer)
             self._kept.move_to_end(twin_id)
             while len(self._kept) > MOST_KEPT:
                 self._kept.popitem(last=False)
@@ -141,7 +141,7 @@ class PlanCache:
         self,
         twin_id: str,
         twin: Twin,
-        found: History,
+        found: StoredHistory,
         prospect: ForecastState | None,
         terms: RepairTerms = AS_REGISTERED,
     ) -> dict[str, Any]:
@@ -157,7 +157,7 @@ class PlanCache:
         return answer
 
     def _order(
-        self, twin: Twin, found: History, prospect: ForecastState | None
+        self, twin: Twin, found: StoredHistory, prospect: ForecastState | None
     ) -> PlanOrder | None:
         registration = twin.registration
         costs, decision = registration.costs, registration.decision
@@ -186,13 +186,13 @@ class PlanCache:
         )
 
 
-def _holds(kept: _Kept, registration: Registration, epoch: _Epoch, stale: int) -> bool:
+def _holds(kept: _CachedPlan, registration: Registration, epoch: _Epoch, stale: int) -> bool:
     if kept.registration != registration or kept.epoch.boot != epoch.boot:
         return False
     return 0 <= epoch.sequence - kept.epoch.sequence <= stale
 
 
-def pace_of(found: History) -> float | None:
+def pace_of(found: StoredHistory) -> float | None:
     """Seconds of the sensor's clock in one slow time; None where they do not rise together."""
     slow = found.states["slow_time"]
     went = float(slow[-1] - slow[0])
@@ -200,7 +200,7 @@ def pace_of(found: History) -> float | None:
     return took / went if went > 0 and took > 0 else None
 
 
-def _past_states(twin: Twin, found: History) -> dict[str, Past]:
+def _past_states(twin: Twin, found: StoredHistory) -> dict[str, Past]:
     elements = twin.checkpoint.elements
     if elements is None:
         return past_of(found.states, twin.checkpoint.known)

@@ -12,10 +12,10 @@ from twin_server.estimate import (
     past_of_elements,
     risk_answer,
 )
-from twin_server.persist import History, Store
+from twin_server.persist import Store, StoredHistory
 from twin_server.pipeline.analysis.learning_input import LOOK_BACK
 from twin_server.pipeline.ingestion.pipeline import Pipeline
-from twin_server.pipeline.workers.processes import Workers
+from twin_server.pipeline.workers.processes import WorkerPool
 from twin_server.registration.twin import Registration
 
 from .forecast_cache import ForecastCache
@@ -38,7 +38,7 @@ class _Key(NamedTuple):
     horizon: float | None
 
 
-class _Kept(NamedTuple):
+class _CachedRisk(NamedTuple):
     registration: Registration
     prospect: ForecastState
     answer: dict[str, Any]
@@ -54,11 +54,11 @@ class RiskCache:
     """
 
     def __init__(
-        self, pipeline: Pipeline, store: Store, prospects: ForecastCache, workers: Workers
+        self, pipeline: Pipeline, store: Store, prospects: ForecastCache, workers: WorkerPool
     ) -> None:
         self._pipeline, self._store = pipeline, store
         self._prospects, self._workers = prospects, workers
-        self._kept: collections.OrderedDict[_Key, _Kept] = collections.OrderedDict()
+        self._kept: collections.OrderedDict[_Key, _CachedRisk] = collections.OrderedDict()
         self._lock = threading.Lock()
 
     def risk(
@@ -96,7 +96,7 @@ class RiskCache:
             return _nothing(twin_id, TOO_FEW)
         answer = self._made(twin_id, twin, found, prospect, horizon)
         with self._lock:
-            self._kept[key] = _Kept(twin.registration, prospect, answer)
+            self._kept[key] = _CachedRisk(twin.registration, prospect, answer)
             self._kept.move_to_end(key)
             while len(self._kept) > MOST_KEPT:
                 self._kept.popitem(last=False)
@@ -115,7 +115,7 @@ class RiskCache:
         self,
         twin_id: str,
         twin: Twin,
-        found: History,
+        found: StoredHistory,
         prospect: ForecastState,
         horizon: float | None,
     ) -> dict[str, Any]:

@@ -19,9 +19,9 @@ from twin_server.estimate import (
 )
 from twin_server.history.rendering import estimate_objects
 from twin_server.orders import SimulationOrder
-from twin_server.persist import History, Store
+from twin_server.persist import Store, StoredHistory
 from twin_server.pipeline.ingestion.rows import decoded
-from twin_server.pipeline.workers.processes import Workers
+from twin_server.pipeline.workers.processes import WorkerPool
 from twin_server.serve import ProblemError
 
 _UNITS = {"displacement": "m", "velocity": "m/s", "acceleration": "m/s^2"}
@@ -40,7 +40,9 @@ class Simulations:
         Installed parts that may be imported there.
     """
 
-    def __init__(self, store: Store, workers: Workers, effects: tuple[str, ...] = ()) -> None:
+    def __init__(
+        self, store: Store, workers: WorkerPool, effects: tuple[str, ...] = ()
+    ) -> None:
         self._store, self._workers, self._effects = store, workers, effects
 
     def check(self, twin: Twin, order: SimulationOrder) -> None:
@@ -60,7 +62,7 @@ class Simulations:
         self,
         twin_id: str,
         twin: Twin,
-        found: History,
+        found: StoredHistory,
         now: Mapping[str, tuple[float, float]],
         order: SimulationOrder,
     ) -> bytes:
@@ -96,7 +98,7 @@ class Simulations:
 def answered(
     twin_id: str,
     twin: Twin,
-    found: History,
+    found: StoredHistory,
     now: Mapping[str, tuple[float, float]],
     last: Features | None,
     order: SimulationOrder,

@@ -12,7 +12,7 @@ from twin_server.estimate.forecast.statements import (
 )
 from twin_server.registration.thresholds import shown
 
-from .past_outlooks import Verified
+from .past_outlooks import Scored
 
 SHOWN = 0.95
 """Central interval whose coverage is put into words [1]: that of the bands."""
@@ -26,7 +26,7 @@ NONE = (
 )
 
 
-def record_answer(twin_id: str, verified: Verified | None, unit: str | None) -> dict[str, Any]:
+def record_answer(twin_id: str, verified: Scored | None, unit: str | None) -> dict[str, Any]:
     """Return the past outlooks of a twin with their scores, as REST does.
 
     Parameters

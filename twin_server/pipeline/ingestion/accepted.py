@@ -4,7 +4,7 @@ import itertools
 import time
 from collections.abc import Callable, Iterator
 
-from twin_server.collect import Change, RepeatedFeatures, Run, contest_reading
+from twin_server.collect import RepeatedFeatures, Run, StoreChange, contest_reading
 from twin_server.persist import Store
 
 from .rows import decoded
@@ -99,7 +99,7 @@ def accepted_messages(store: Store, run: Run, first: int, last: int) -> list[tup
     ]
 
 
-def contest_repeated(store: Store, change: Change) -> None:
+def contest_repeated(store: Store, change: StoreChange) -> None:
     """Compare features that came again with the kept ones; contest runs where they differ."""
     repeated: dict[Run, list[RepeatedFeatures]] = {}
     for one in change.repeated:

@@ -6,7 +6,7 @@ from typing import Any, Literal, NamedTuple
 
 from slowtime_schemas.messages import Event
 from twin_server.collect import Ordered
-from twin_server.estimate import Checkpoint, Estimated, Twin
+from twin_server.estimate import Checkpoint, Estimates, Twin
 from twin_server.history.states import blank, covered_share, from_bytes
 from twin_server.persist import (
     DetailRow,
@@ -17,7 +17,7 @@ from twin_server.persist import (
     TwinRow,
     WriteBatch,
 )
-from twin_server.pipeline.progress import ASIDE_BEFORE, Batch, Isolated
+from twin_server.pipeline.progress import ASIDE_BEFORE, EstimateBatch, Isolated
 from twin_server.registration.changes import change_sentence
 from twin_server.registration.twin import Registration
 
@@ -32,7 +32,7 @@ NO_BOOT = "twin"
 REESTIMATE_BATCH = 5_000
 """Features that are read at once where a history is made anew."""
 
-Estimating = Callable[[Batch, Sequence[bytes]], Isolated]
+Estimating = Callable[[EstimateBatch, Sequence[bytes]], Isolated]
 """Estimates features, of which the messages are given as well."""
 
 
@@ -51,13 +51,13 @@ class BatchEstimate(NamedTuple):
         Features that have no estimate, and why.
     """
 
-    found: Estimated
+    found: Estimates
     owners: Sequence[int]
     keys: Sequence[tuple[str, str]]
     failed: Mapping[int, str] = MappingProxyType({})
 
 
-EMPTY_ESTIMATE = BatchEstimate(Estimated(blank(0), [], []), (), ())
+EMPTY_ESTIMATE = BatchEstimate(Estimates(blank(0), [], []), (), ())
 """What no features tell."""
 
 
@@ -84,7 +84,7 @@ def estimate_next(
                 registration_event(*key, default, "by its first features", now_ns)
             )
             cut.twins.append(twin_row(key, twins[key]))
-    batch = Batch(
+    batch = EstimateBatch(
         [twins[key] for key in keys],
         [o.features for o in ordered],
         owners,
@@ -143,7 +143,7 @@ def reestimate(
             last = (rows[-1].number, rows[-1].sequence)
             # What was missing, and what had been measured before, was found when they came.
             kept = from_bytes(row.state for row in rows)
-            batch = Batch(
+            batch = EstimateBatch(
                 [twin],
                 features,
                 [0] * len(rows),

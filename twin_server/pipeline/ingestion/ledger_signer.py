@@ -20,8 +20,8 @@ from slowtime_services.ledger import (
     CompactRange,
     Entry,
     Head,
-    Leaf,
     Link,
+    MerkleLeaf,
     MerkleTree,
     TreeHead,
     beginning,
@@ -106,13 +106,13 @@ class LedgerSigner:
         self._every_ns = round(settings.every_s * 1e9)
         self.merkle = MerkleTree()
         self.head: Head | None = None
-        self._signed: dict[str, tuple[Leaf, int]] = {}
+        self._signed: dict[str, tuple[MerkleLeaf, int]] = {}
         self.refusal = ""
         """Why nothing is signed any more; empty if all is well."""
         self._unsaid: dict[str, str] = {}
         self._proven: dict[str, tuple[Link, CompactRange]] = {}
         kept = [json.loads(row.body) for row in store.heads(limit=LOOKED_BACK, newest=True)]
-        leaves = (Leaf(*leaf) for one in kept for leaf in one["leaves"])
+        leaves = (MerkleLeaf(*leaf) for one in kept for leaf in one["leaves"])
         self._told = {leaf.asset: leaf.length for leaf in leaves}
         self._sequence = 0
         self._repeated = RepeatedAudit(store, signer, settings.audit_every_s)
@@ -172,7 +172,7 @@ class LedgerSigner:
             log = self._proven[owner][1]
             digest, count = self._store.digest(owner)
             link = end.digest.hex()
-            leaves.append(Leaf(owner, end.length, link, count, digest, log.root.hex()))
+            leaves.append(MerkleLeaf(owner, end.length, link, count, digest, log.root.hex()))
         if not leaves:
             return None
         self.merkle.take(leaves)
@@ -244,7 +244,7 @@ class LedgerSigner:
             what = "; ".join(by_chain[chain][:MOST_NAMED])
             self._unsaid[chain] = f"The ledger is not signed any more: {what}. {_CURE}"
 
-    def _tell(self, head: Head, leaf: Leaf) -> None:
+    def _tell(self, head: Head, leaf: MerkleLeaf) -> None:
         site, _, asset = leaf.asset.partition(".")
         since = self._told.get(leaf.asset, 0)
         if leaf.length - since > MOST_TOLD:

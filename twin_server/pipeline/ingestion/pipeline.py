@@ -37,17 +37,17 @@ from twin_server.collect import (
     Account,
     Arrival,
     Backfill,
-    Change,
     EdgeQuery,
     Holding,
     Received,
     Reception,
     Refusals,
     SensorWatch,
+    StoreChange,
 )
 from twin_server.estimate import Checkpoint, Twin
 from twin_server.events.asset_events import MOST_KEPT, AssetEventRow
-from twin_server.events.deliveries import Acknowledgement, Delivery
+from twin_server.events.deliveries import AlarmAcknowledgement, Delivery
 from twin_server.notify.witnesses import HeadWitnesses
 from twin_server.persist import EventRow, Store, StoreError, WriteBatch
 from twin_server.pipeline.progress import Phase
@@ -313,7 +313,7 @@ class Pipeline:
         event: EventRow,
         deliveries: Sequence[Delivery] = (),
         settled: Sequence[Delivery] = (),
-        acknowledgements: Sequence[Acknowledgement] = (),
+        acknowledgements: Sequence[AlarmAcknowledgement] = (),
         asset_events: Sequence[AssetEventRow] = (),
     ) -> None:
         """Store an event with its dependent rows, and publish it."""
@@ -543,7 +543,7 @@ class Pipeline:
         except Exception:
             logger.exception("Processing a batch failed; continuing from the durable state.")
 
-    def _durably(self, function: Callable[[Change], None], messages: int = 1) -> None:
+    def _durably(self, function: Callable[[StoreChange], None], messages: int = 1) -> None:
         """Do something to the account, and conclude; where that fails, it never happened.
 
         Parameters
@@ -551,7 +551,7 @@ class Pipeline:
         messages
             How many messages it concerns, of which its budget follows.
         """
-        change = Change()
+        change = StoreChange()
         try:
             if self._stale:
                 self._load()
@@ -594,7 +594,7 @@ class Pipeline:
 
     def _keep_corrections(self) -> None:
         """Store and report what was corrected of the restored account."""
-        found, self._account.corrections = self._account.corrections, Change()
+        found, self._account.corrections = self._account.corrections, StoreChange()
         for one in found.doubted:
             logger.warning(
                 "The account of %s was corrected: it had sequence %d, and %d is expected. Its "
@@ -604,7 +604,7 @@ class Pipeline:
                 one.expected,
             )
 
-        def keep(change: Change) -> None:
+        def keep(change: StoreChange) -> None:
             change.doubted += found.doubted
             change.released += found.released
             change.touched.update(found.touched)
@@ -759,7 +759,7 @@ class Pipeline:
             )
         return registered
 
-    def _conclude(self, change: Change) -> None:
+    def _conclude(self, change: StoreChange) -> None:
         """Estimate, store, and only then publish."""
         contest_repeated(self.store, change)
         for reason, sentence in change.refused:
@@ -808,7 +808,7 @@ class Pipeline:
         self._count(change, cut)
         self._publisher.tell(change.ordered, fresh, self._units, cut.events, numbers)
 
-    def _count(self, change: Change, cut: WriteBatch) -> None:
+    def _count(self, change: StoreChange, cut: WriteBatch) -> None:
         self.counts["batches"] += 1
         self.counts["accepted"] += len(change.ordered)
         self.counts["out_of_order"] += change.early
@@ -844,7 +844,7 @@ class Pipeline:
     def _conclude_answers(self, answered: Sequence[Answered]) -> None:
         """Store all at once, or by halves: an answer that fails does not stop the others."""
 
-        def settle(change: Change) -> None:
+        def settle(change: StoreChange) -> None:
             now_s = time.monotonic()
             for want, listing, sound in answered:
                 self._account.settle(want, listing, now_s, change, sound=sound)
@@ -880,7 +880,7 @@ class Pipeline:
         events: Sequence[EventRow],
         deliveries: Sequence[Delivery] = (),
         settled: Sequence[Delivery] = (),
-        acknowledgements: Sequence[Acknowledgement] = (),
+        acknowledgements: Sequence[AlarmAcknowledgement] = (),
         asset_events: Sequence[AssetEventRow] = (),
     ) -> None:
         """Store events with their dependent rows, and publish them."""

@@ -9,6 +9,7 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from slowtime_schemas.answers.alarms import DeliveryState
 from twin_server.collect import Ordered
 from twin_server.estimate import Twin
 from twin_server.events.deliveries import (
@@ -17,7 +18,6 @@ from twin_server.events.deliveries import (
     LASTING,
     TEST,
     Delivery,
-    State,
     identity,
 )
 from twin_server.events.receivers import AlarmRoute, AlarmSettings
@@ -88,7 +88,7 @@ class Routing:
             body = json.loads(event.body)
             if body["kind"] not in ALWAYS and not self._live.get(key, False):
                 continue
-            state: State = "waiting"
+            state: DeliveryState = "waiting"
             if event.derived and self._is_old(self._age_of(key, event), now_ns):
                 if body["kind"] not in LASTING:
                     continue
@@ -135,7 +135,7 @@ class Routing:
 
 
 def new_delivery(
-    route: AlarmRoute, body: Mapping[str, Any], state: State, now_ns: int
+    route: AlarmRoute, body: Mapping[str, Any], state: DeliveryState, now_ns: int
 ) -> Delivery:
     """Begin the delivery of an event by a route.
 

@@ -9,13 +9,13 @@ from slowtime_schemas.messages import Event, Features
 from slowtime_schemas.streams import FEATURES
 from twin_server.collect import (
     DAMAGED,
-    Change,
     DoubtedSequence,
     LostRange,
     OldReading,
     ReachedLimit,
     RivalAgents,
     Run,
+    StoreChange,
 )
 from twin_server.estimate import Notice, Twin
 from twin_server.events.asset_events import TOLD, AssetEventRow, sentence
@@ -50,7 +50,7 @@ def body_of(detail: Detail | None) -> bytes | None:
     return None if detail is None else detail.body
 
 
-def rows_of_held(change: Change) -> list[tuple[int, int, bytes]]:
+def rows_of_held(change: StoreChange) -> list[tuple[int, int, bytes]]:
     """Make rows of held features that the same change does not release."""
     released = set(rows_of_released(change))
     return [
@@ -60,7 +60,7 @@ def rows_of_held(change: Change) -> list[tuple[int, int, bytes]]:
     ]
 
 
-def rows_of_released(change: Change) -> list[tuple[int, int]]:
+def rows_of_released(change: StoreChange) -> list[tuple[int, int]]:
     """Name the rows of features that are no longer held."""
     return [(run.number, sequence) for run, sequence in change.released]
 

@@ -9,7 +9,7 @@ from twin_server.persist import AsideRow, EventRow, Store
 from twin_server.pipeline.progress import (
     ASIDE_BEFORE,
     Attempts,
-    Batch,
+    EstimateBatch,
     Isolated,
     Progress,
     Quarantine,
@@ -91,7 +91,11 @@ class SettingAside:
         return taken
 
     def estimating(
-        self, batch: Batch, payloads: Sequence[bytes], *, released: AsideRow | None = None
+        self,
+        batch: EstimateBatch,
+        payloads: Sequence[bytes],
+        *,
+        released: AsideRow | None = None,
     ) -> Isolated:
         """Estimate a batch; what was set aside stays so, but for what is being released."""
         aside, alone = set(), set()

@@ -13,17 +13,18 @@ import multiprocessing
 import signal
 import threading
 from collections.abc import Callable, Mapping
-from typing import Any, Literal
+from typing import Any
 
 from slowtime.discrepancy.records import MIN_SAMPLES
 from slowtime.dynamics.effects import catalogue
+from slowtime_schemas.answers.diagnoses import GapState
 from slowtime_schemas.files.model import ModelFile
 from slowtime_services.bus import BusClosedError, Sample
 from slowtime_services.files import Record
 from slowtime_services.operating_system import lower_priority
 from slowtime_services.plugins.discovery import exception_text
 from slowtime_services.replay import block_of
-from twin_server.diagnose import Piece, part, pieces_of, within
+from twin_server.diagnose import SamplePiece, part, pieces_of, within
 from twin_server.diagnose import gap as measuring
 from twin_server.persist import Store, TwinRow
 from twin_server.pipeline.ingestion.pipeline import Pipeline
@@ -37,8 +38,6 @@ PATIENCE_S = 120.0
 """Time that one comparison may take [s]; the first one compiles."""
 
 LEARNT = "gap_learnt"
-
-State = Literal["off", "waiting", "learning", "watching", "disagreeing"]
 
 
 @dataclasses.dataclass(slots=True)
@@ -138,7 +137,7 @@ class GapMonitor:
             mind = self._gaps.get(twin_id)
         return mind is not None and mind.usual is not None and mind.disagrees
 
-    def _state(self, registration: Registration | None, mind: _TwinGap | None) -> State:
+    def _state(self, registration: Registration | None, mind: _TwinGap | None) -> GapState:
         if registration is None or not self._settings.every_s or not _comparable(registration):
             return "off"
         if mind is None or not (mind.kept or mind.records or mind.usual):
@@ -256,7 +255,7 @@ class GapMonitor:
             self._gaps[twin_id] = mind
         return mind
 
-    def _newest(self, twin_id: str, mind: _TwinGap) -> Piece | None:
+    def _newest(self, twin_id: str, mind: _TwinGap) -> SamplePiece | None:
         """Request newer samples, and return the last record that is long enough."""
         seconds = self._settings.seconds
         samples = self._raw_samples(twin_id, seconds)
@@ -363,11 +362,11 @@ def _is_own(model: str) -> bool:
     return bool(used - catalogue().keys())
 
 
-def _end_ns(piece: Piece) -> int:
+def _end_ns(piece: SamplePiece) -> int:
     return (piece.record.start_ns or 0) + round(piece.seconds * 1e9) - 1
 
 
-def _last(piece: Piece, excess: int) -> Piece:
+def _last(piece: SamplePiece, excess: int) -> SamplePiece:
     return part(piece, excess, len(piece.record.samples))
 
 
@@ -383,7 +382,7 @@ def _in_the_background() -> None:
     lower_priority(10)
 
 
-def _sentence(state: State, readings: list[dict[str, Any]]) -> str:
+def _sentence(state: GapState, readings: list[dict[str, Any]]) -> str:
     now = f"{readings[-1]['in_use']:.1%}" if readings else ""
     return {
         "off": "Nothing is compared: the model of this twin lists no inputs, or none is given.",

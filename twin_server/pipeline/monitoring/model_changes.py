@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from slowtime_schemas.asset_events import AssetEvent, is_mass
 from slowtime_schemas.slow_times import time_in_words
-from twin_server.estimate import ChangeDetector, DetectedChange, Past, past_of, past_of_elements
+from twin_server.estimate import DetectedChange, Detector, Past, past_of, past_of_elements
 from twin_server.estimate.change_detection import MOST
 from twin_server.estimate.forecast.known_events import come_after, jump_times, known_of
 from twin_server.estimate.renewals import RENEWED
@@ -84,7 +84,7 @@ class ModelChangeMonitor:
         self._missed: set[str] = set()
         self._gone: set[str] = set()
         self._changed = threading.Condition()
-        self._detectors: dict[str, dict[str, ChangeDetector]] = {}
+        self._detectors: dict[str, dict[str, Detector]] = {}
         self._seen: dict[str, float] = {}
         self._events: dict[str, list[AssetEvent]] = {}
         self._stop = threading.Event()
@@ -213,8 +213,7 @@ class ModelChangeMonitor:
         states = found.states
         known = known_of(events, states["t_ns"], states["slow_time"], past)
         self._detectors[twin_id] = {
-            name: ChangeDetector(odds, tuple(times))
-            for name, times in jump_times(known).items()
+            name: Detector(odds, tuple(times)) for name, times in jump_times(known).items()
         }
         every = self._detect_changes(twin_id, past, odds, _renewals(row.body for row in rows))
         told = self._reported_changes(twin_id) if every else set()
@@ -235,7 +234,7 @@ class ModelChangeMonitor:
         """
         mind, found = self._detectors[twin_id], []
         for name, one in past.items():
-            series = mind.setdefault(name, ChangeDetector(odds))
+            series = mind.setdefault(name, Detector(odds))
             readings = zip(
                 one.slow_time.tolist(), one.value.tolist(), one.own_sd.tolist(), strict=True
             )
@@ -244,7 +243,7 @@ class ModelChangeMonitor:
                     continue
                 self._seen[twin_id] = at
                 if series.past and any(series.past[-1][0] < one <= at for one in renewed):
-                    series = mind[name] = ChangeDetector(odds, series.told)
+                    series = mind[name] = Detector(odds, series.told)
                 if (noticed := series.take(at, value, sd)) is not None:
                     found.append((name, noticed, at, len(one.value) - 1 - number))
         return found

@@ -2,7 +2,7 @@
 
 from .attempts import Attempts, Suspicion
 from .budget import OverBudgetError, WorkBudget
-from .isolation import ASIDE_BEFORE, Batch, Isolated, estimate_apart
+from .isolation import ASIDE_BEFORE, EstimateBatch, Isolated, estimate_apart
 from .monitor import ProgressMonitor
 from .phases import Phase, Progress
 from .quarantine import Quarantine
@@ -10,7 +10,7 @@ from .quarantine import Quarantine
 __all__ = [
     "ASIDE_BEFORE",
     "Attempts",
-    "Batch",
+    "EstimateBatch",
     "Isolated",
     "OverBudgetError",
     "Phase",

@@ -11,7 +11,7 @@ from collections.abc import Callable, Collection, Sequence
 from typing import NamedTuple
 
 from slowtime_schemas.messages import Features
-from twin_server.estimate import Estimated, Notice, Twin, estimate
+from twin_server.estimate import Estimates, Notice, Twin, estimate
 from twin_server.history import states as st
 from twin_server.history.details import Detail
 
@@ -29,11 +29,11 @@ PART = 20
 class Isolated(NamedTuple):
     """Estimates, and why some rows have none."""
 
-    found: Estimated
+    found: Estimates
     failed: dict[int, str]
 
 
-class Batch(NamedTuple):
+class EstimateBatch(NamedTuple):
     """The arguments of `twin_server.estimate.estimate`."""
 
     twins: Sequence[Twin]
@@ -46,10 +46,10 @@ class Batch(NamedTuple):
 Noting = Callable[[int], contextlib.AbstractContextManager[None]]
 
 
-class _Rows:
+class _BatchRows:
     """Features of a batch, and what is found of them."""
 
-    def __init__(self, batch: Batch) -> None:
+    def __init__(self, batch: EstimateBatch) -> None:
         twins, features, self.owners, self.missing, self.covered = batch
         self.twins, self.features = list(twins), features
         self.states = st.blank(len(features))
@@ -89,15 +89,15 @@ class _Rows:
         st.note_coverage(state, [self.covered[row]])
         self.failed[row] = why
 
-    def found(self) -> Estimated:
+    def found(self) -> Estimates:
         """Return all estimates."""
         some = any(detail is not None for detail in self.details)
         checkpoints = [twin.checkpoint for twin in self.twins]
-        return Estimated(self.states, checkpoints, self.notices, self.details if some else ())
+        return Estimates(self.states, checkpoints, self.notices, self.details if some else ())
 
 
 def estimate_apart(
-    batch: Batch,
+    batch: EstimateBatch,
     budget: WorkBudget,
     *,
     aside: Collection[int] = (),
@@ -126,7 +126,7 @@ def estimate_apart(
     -------
     Estimates; rows that were left out have `SET_ASIDE` among the reasons of their states.
     """
-    rows = _Rows(batch)
+    rows = _BatchRows(batch)
     slow = any(twin.registration.changes == "elements" for twin in batch.twins)
     size = PART if slow else max(len(batch.features), 1)
     part: list[int] = []
@@ -152,7 +152,7 @@ def estimate_apart(
 
 
 def _estimate_part(
-    batch: _Rows, rows: Sequence[int], budget: WorkBudget, advance: Callable[[], None]
+    batch: _BatchRows, rows: Sequence[int], budget: WorkBudget, advance: Callable[[], None]
 ) -> None:
     """Estimate some rows; where that fails, each twin's, and then one by one."""
     try:

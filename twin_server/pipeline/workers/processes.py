@@ -50,7 +50,7 @@ class AbandonedError(Exception):
     """The caller no longer waits for the result."""
 
 
-class Workers(Protocol):
+class WorkerPool(Protocol):
     """Runs functions, here or in other processes."""
 
     def run(self, function: Callable[..., T], /, *arguments: Any) -> T:

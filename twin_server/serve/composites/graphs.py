@@ -32,7 +32,7 @@ class WrongGraphError(ValueError):
     """A file that is no graph of twins; the text says what it contains."""
 
 
-class Found(NamedTuple):
+class GraphComposites(NamedTuple):
     """Composites that a graph describes.
 
     Parameters
@@ -59,7 +59,7 @@ def composites_of(
     *,
     site: str | None = None,
     contains: Sequence[str] = CONTAINS,
-) -> Found:
+) -> GraphComposites:
     """Read the composites that a graph describes.
 
     Parameters
@@ -105,7 +105,7 @@ def composites_of(
             continue
         named[name] = own
         found[own] = _composite(instances[name], name, inside, bool(left_out), notes)
-    return Found(found, tuple(notes))
+    return GraphComposites(found, tuple(notes))
 
 
 def _composite(

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from slowtime.evolution.pooling import Rate, drift_rate, pool
+from slowtime.evolution.pooling import DriftRate, drift_rate, pool
 from twin_server.history.states import ASSUMES_MASS, ASSUMES_STIFFNESS
 from twin_server.serve.knowledge import Knowledge
 
@@ -91,7 +91,7 @@ def _of_one(
     }
 
 
-def _rate(rate: Rate) -> dict[str, float | None]:
+def _rate(rate: DriftRate) -> dict[str, float | None]:
     """Convert to JSON, which has no infinity."""
     values = {"value": rate.value, "sd": rate.sd, "lo": rate.lo, "hi": rate.hi}
     return {name: one if math.isfinite(one) else None for name, one in values.items()}

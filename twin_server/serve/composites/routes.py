@@ -7,6 +7,8 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from pydantic_core import to_json
 
+from slowtime_schemas.answers import composites as models
+from slowtime_schemas.answers.history import EventList
 from slowtime_schemas.quantities import Plain
 from twin_server.composites.composite import Composite
 from twin_server.composites.hierarchy import (
@@ -26,10 +28,8 @@ from twin_server.serve.http.bounded_threads import BoundedThreads
 from twin_server.serve.http.compute_queue import ComputeQueue
 from twin_server.serve.http.document_route import DocumentRoute
 from twin_server.serve.http.problems import ProblemError
-from twin_server.serve.models.history import EventList
 from twin_server.serve.routes.twin_path import TwinId
 
-from . import models
 from .assessment import assess, health
 from .facts import TwinFacts
 

@@ -25,7 +25,7 @@ PAGE = 5_000
 """States that are read, turned and written at once."""
 
 
-class Column(NamedTuple):
+class TableColumn(NamedTuple):
     """Content of a column; of an element, its name and the part of its estimate."""
 
     kind: str
@@ -54,14 +54,14 @@ class NotInstalledError(ImportError):
     """A library that the format needs is not installed."""
 
 
-def columns_of(registration: Registration) -> dict[str, Column]:
+def columns_of(registration: Registration) -> dict[str, TableColumn]:
     """Columns by name; of a twin of elements, those of each element after the rest."""
     elements = registration.structure().free if registration.changes == "elements" else ()
     return (
-        {name: Column(kind) for name, kind in _KINDS.items()}
-        | {name + end: Column("double") for name in ESTIMATES for end in _PARTS}
+        {name: TableColumn(kind) for name, kind in _KINDS.items()}
+        | {name + end: TableColumn("double") for name in ESTIMATES for end in _PARTS}
         | {
-            f"elements.{name}{end}": Column("double", name, part)
+            f"elements.{name}{end}": TableColumn("double", name, part)
             for name in elements
             for end, part in _PARTS.items()
         }
@@ -87,7 +87,7 @@ def pages_of(
 
 
 def written(
-    pages: Iterable[HistoryPart], columns: Mapping[str, Column], form: Format, twin_id: str
+    pages: Iterable[HistoryPart], columns: Mapping[str, TableColumn], form: Format, twin_id: str
 ) -> Iterator[bytes]:
     """Bytes of the table, as they become ready.
 
@@ -122,7 +122,7 @@ def _rows(page: HistoryPart, kept: list[int]) -> HistoryPart:
     )
 
 
-def _table(page: HistoryPart, columns: Mapping[str, Column]) -> Table:
+def _table(page: HistoryPart, columns: Mapping[str, TableColumn]) -> Table:
     states = page.states
     reasons, notes = states["reasons"].tolist(), states["notes"].tolist()
     said = {bits: " ".join(sentences(bits)) for bits in {*reasons}}
@@ -155,7 +155,9 @@ def _present(values: list[float]) -> list[float | None]:
     return [None if value != value else value for value in values]
 
 
-def _csv(tables: Iterable[Table], columns: Mapping[str, Column], _: str) -> Iterator[bytes]:
+def _csv(
+    tables: Iterable[Table], columns: Mapping[str, TableColumn], _: str
+) -> Iterator[bytes]:
     text = io.StringIO()
     write = csv.writer(text)
     write.writerow(columns)
@@ -176,7 +178,7 @@ def _csv(tables: Iterable[Table], columns: Mapping[str, Column], _: str) -> Iter
 
 
 def _parquet(
-    tables: Iterable[Table], columns: Mapping[str, Column], twin_id: str
+    tables: Iterable[Table], columns: Mapping[str, TableColumn], twin_id: str
 ) -> Iterator[bytes]:
     try:
         import pyarrow

@@ -55,7 +55,7 @@ def abandoned() -> bool:
 
 
 @dataclasses.dataclass(slots=True, eq=False)
-class _Job:
+class _Computation:
     """A computation, and the number of requests that wait for it.
 
     Parameters
@@ -120,7 +120,7 @@ class ComputeQueue:
         self._spare, self._usage = spare, usage or DecayedUsage()
         self.quota = Quota("computations", longest + workers, setting="serve.max_waiting")
         self._threads = concurrent.futures.ThreadPoolExecutor(workers + spare, "work")
-        self._jobs: list[_Job] = []
+        self._jobs: list[_Computation] = []
         self.counts: Counter[str] = Counter()
 
     @property
@@ -177,7 +177,7 @@ class ComputeQueue:
 
     def _find_or_enqueue(
         self, work: Callable[[], Any], group: object, share: object, light: bool, what: str
-    ) -> _Job:
+    ) -> _Computation:
         for job in self._jobs:
             if share is not None and job.share == share and not job.ended.is_set():
                 self.counts["shared"] += 1
@@ -192,7 +192,7 @@ class ComputeQueue:
             self.counts["refused"] += 1
             raise self._busy()
         loop = asyncio.get_running_loop()
-        job = _Job(holder, group, share, light, work, loop, loop.create_future())
+        job = _Computation(holder, group, share, light, work, loop, loop.create_future())
         try:
             job.holding = self.quota.take(holder, what, lambda: self._cancel(job))
         except OverQuotaError as error:
@@ -224,14 +224,14 @@ class ComputeQueue:
             begun = self._threads.submit(job.execute)
             begun.add_done_callback(lambda begun, job=job: self._tell(job, begun))  # type: ignore[misc]
 
-    def _rank(self, job: _Job) -> tuple[float, ...]:
+    def _rank(self, job: _Computation) -> tuple[float, ...]:
         """Return the place of a job: its site's, then its token's, then light ones first."""
         running = [other.holder for other in self._jobs if other.running]
         of_site = sum(holder.site == job.holder.site for holder in running)
         site, token = self._usage.rank(job.holder)
         return of_site, site, running.count(job.holder), token, not job.light
 
-    def _may_begin(self, job: _Job) -> bool:
+    def _may_begin(self, job: _Computation) -> bool:
         """Whether the threads, and the other jobs of its site, let a job begin."""
         running = [other for other in self._jobs if other.running]
         own = [other for other in running if other.holder.site == job.holder.site]
@@ -242,12 +242,12 @@ class ComputeQueue:
             return False
         return len(own) < self._workers and all(other.group != job.group for other in own)
 
-    def _tell(self, job: _Job, begun: concurrent.futures.Future[Any]) -> None:
+    def _tell(self, job: _Computation, begun: concurrent.futures.Future[Any]) -> None:
         """Pass on the result of a thread."""
         with contextlib.suppress(RuntimeError):  # the loop has ended
             job.loop.call_soon_threadsafe(self._end, job, begun)
 
-    def _end(self, job: _Job, begun: concurrent.futures.Future[Any]) -> None:
+    def _end(self, job: _Computation, begun: concurrent.futures.Future[Any]) -> None:
         self._remove(job)
         if not job.future.done():
             if begun.cancelled():
@@ -259,20 +259,20 @@ class ComputeQueue:
                 job.future.set_result(begun.result())
         self._begin_next()
 
-    def _leave(self, job: _Job) -> None:
+    def _leave(self, job: _Computation) -> None:
         """Drop computations without a waiting caller."""
         job.ended.set()
         if not job.running:
             self._remove(job)
 
-    def _cancel(self, job: _Job) -> None:
+    def _cancel(self, job: _Computation) -> None:
         """End a computation for all who wait for it; in the event loop."""
         if not job.future.done():
             job.future.set_exception(cancelled_error())
             job.future.exception()  # nobody may be left to look at it
         self._leave(job)
 
-    def _remove(self, job: _Job) -> None:
+    def _remove(self, job: _Computation) -> None:
         if job in self._jobs:
             self._jobs.remove(job)
         if job.holding is not None:

@@ -27,7 +27,7 @@ LOOK_S = 1.0
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
-class Limits:
+class ConnectionLimits:
     """Limits of one connection, and of one address.
 
     Parameters
@@ -53,17 +53,17 @@ class Limits:
 class Connections:
     """All connections of a server, by address, the oldest first; lives in the event loop."""
 
-    def __init__(self, limits: Limits) -> None:
+    def __init__(self, limits: ConnectionLimits) -> None:
         self.limits = limits
-        self._of: dict[str, dict[Connection, None]] = {}
+        self._of: dict[str, dict[LimitedConnection, None]] = {}
         self._count = 0
         self.counts: Counter[str] = Counter()
 
     def protocol(self) -> type[HttpToolsProtocol]:
         """Make the class that uvicorn makes connections of."""
-        return type("Limited", (Connection,), {"connections_of": self})
+        return type("Limited", (LimitedConnection,), {"connections_of": self})
 
-    def add(self, one: "Connection", address: str) -> bool:
+    def add(self, one: "LimitedConnection", address: str) -> bool:
         """Admit a connection, if need be in place of an idle one; False if none is idle."""
         theirs = self._of.setdefault(address, {})
         limit = self.limits.most_of_one
@@ -77,7 +77,7 @@ class Connections:
         self._count += 1
         return True
 
-    def discard(self, one: "Connection", address: str) -> None:
+    def discard(self, one: "LimitedConnection", address: str) -> None:
         """Forget one."""
         theirs = self._of.get(address, {})
         if one in theirs:
@@ -86,7 +86,7 @@ class Connections:
         if not theirs:
             self._of.pop(address, None)
 
-    def _cut_off_oldest(self, theirs: "dict[Connection, None]") -> bool:
+    def _cut_off_oldest(self, theirs: "dict[LimitedConnection, None]") -> bool:
         """Close the oldest connection on which nothing has been asked."""
         for one in theirs:
             if one.waits:
@@ -96,7 +96,7 @@ class Connections:
         return False
 
 
-class Connection(HttpToolsProtocol):
+class LimitedConnection(HttpToolsProtocol):
     """HTTP/1.1 within limits."""
 
     connections_of: Connections

@@ -5,6 +5,12 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, Path, Query, Response
 
+from slowtime_schemas.answers.ledger import (
+    ConsistencyProof,
+    HeadList,
+    InclusionProof,
+    TreeHeadModel,
+)
 from slowtime_schemas.quantities import Plain
 from twin_server.registration.twin import ID, Registration
 from twin_server.serve.http import problems
@@ -12,8 +18,6 @@ from twin_server.serve.http.bounded_threads import BoundedThreads
 from twin_server.serve.knowledge import Knowledge
 from twin_server.serve.routes.twin_path import TwinId
 from twin_server.serve.state_rendering import json_response
-
-from .models import ConsistencyProof, HeadList, InclusionProof, TreeHeadModel
 
 ChainId = Annotated[str, Path(pattern=ID, description="Id of the twin."), Plain]
 """A deleted twin keeps its chain, so this need not be that of a twin that is there."""

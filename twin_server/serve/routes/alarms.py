@@ -4,14 +4,17 @@ from collections.abc import Awaitable, Callable, Sequence
 from typing import Annotated, Any, Protocol
 
 from fastapi import APIRouter, Depends, Path, Query, Request, Response
+from pydantic import ConfigDict, Field
 from pydantic_core import to_json
 
-from twin_server.events.deliveries import Tally
+from slowtime_schemas.answers import alarms as models
+from slowtime_schemas.quantities import Immutable, Plain
+from twin_server.events.deliveries import DeliveryTally
+from twin_server.events.receivers import ReceiverName
 from twin_server.identity.principals import principal_of
 from twin_server.registration.twin import Registration
 from twin_server.serve.http import problems
 from twin_server.serve.http.document_route import DocumentRoute
-from twin_server.serve.models import alarms as models
 
 from .twin_path import TwinId
 
@@ -26,6 +29,30 @@ _PROBLEMS = problems.answers(
 EventId = Annotated[
     str, Path(pattern=r"^[0-9a-f]{32}$", description="`event_id` of the alarm.")
 ]
+
+
+class AcknowledgementOrder(Immutable):
+    """Who acknowledges an alarm, with a comment."""
+
+    model_config = ConfigDict(
+        json_schema_extra={"examples": [{"by": "Ann Moreau", "note": "On my way."}]}
+    )
+
+    by: Annotated[
+        Annotated[str, Field(min_length=1, max_length=100), Plain] | None,
+        Field(description="A name; by default that of the token."),
+    ] = None
+    note: Annotated[str, Field(max_length=1_000), Plain] = ""
+
+
+class TestAlarmOrder(Immutable):
+    """The receiver of a test alarm."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [{"receiver": "ops"}, {}]})
+
+    receiver: Annotated[
+        ReceiverName | None, Field(description="null for all receivers of the twin's routes.")
+    ] = None
 
 
 class AlarmService(Protocol):
@@ -49,7 +76,7 @@ class AlarmService(Protocol):
         """Return the state of a twin's routes, and its newest deliveries."""
         ...
 
-    def tallies(self) -> Sequence[Tally]:
+    def tallies(self) -> Sequence[DeliveryTally]:
         """Count deliveries by twin, receiver and state."""
         ...
 
@@ -90,7 +117,7 @@ def routes(
         responses=_PROBLEMS,
     )
     def test(
-        request: Request, twin_id: TwinId, registration: Known, order: models.TestAlarmOrder
+        request: Request, twin_id: TwinId, registration: Known, order: TestAlarmOrder
     ) -> Response:
         """Send a test alarm to the receivers of the twin's routes, or to one of them."""
         by = principal_of(request.scope).name
@@ -106,7 +133,7 @@ def routes(
         twin_id: TwinId,
         event_id: EventId,
         registration: Known,
-        order: models.AcknowledgementOrder,
+        order: AcknowledgementOrder,
     ) -> Response:
         """Say that somebody has taken note of an alarm; it reminds nobody any more."""
         name = principal_of(request.scope).name

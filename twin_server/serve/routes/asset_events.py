@@ -4,16 +4,9 @@ from collections.abc import Awaitable, Callable
 from typing import Annotated, Any, Protocol
 
 from fastapi import APIRouter, Depends, Request, Response
-from pydantic import BaseModel, Field
 from pydantic_core import to_json
 
-from slowtime_schemas.asset_events import (
-    AssetEventKind,
-    DetectionResult,
-    MeasuredChange,
-    NewPart,
-    RepairResult,
-)
+from slowtime_schemas.answers.asset_events import AssetEventList, AssetEventModel
 from twin_server.events.asset_events import AssetEventOrder
 from twin_server.identity.principals import principal_of
 from twin_server.registration.twin import Registration
@@ -30,57 +23,6 @@ _PROBLEMS = problems.answers(
         422: "A body that is not valid, or does not fit the twin",
     }
 )
-_EVENT_ID = "59f1856b17386c5b4de99fa65efe7580"
-
-
-class AssetEventModel(BaseModel):
-    """A reported event of an asset, and whether it holds."""
-
-    event: str = Field(description="Id that was given.", examples=["work-order-118"])
-    number: int = Field(description="Counts the events of a twin.")
-    kind: AssetEventKind
-    sentence: str = Field(examples=["Repair recorded by Ann: perfect, all damage restored."])
-    quantity: str | None
-    t_ns: int | None = Field(
-        description="By the sensor's clock; null where the history does not reach back so far."
-    )
-    slow_time: float | None = Field(
-        description="As told, or of the last reading at or before it; null likewise."
-    )
-    person: str
-    principal: str = Field(description="Whose token it was.")
-    accepted_ns: int = Field(description="By the server's clock [ns since 1970-01-01 UTC].")
-    text: str
-    repair: RepairResult | None
-    replacement: NewPart | None
-    measured: MeasuredChange | None
-    detection: DetectionResult | None
-    conditions: dict[str, float]
-    reverses: str | None = Field(description="Event that it takes back.")
-    reversed_by: str | None = Field(description="Event that takes it back.")
-    answers: str | None = Field(description="`event_id` of the question that it answers.")
-
-
-class QuestionModel(BaseModel):
-    """A change that looks like an unreported repair."""
-
-    event_id: str = Field(examples=[_EVENT_ID])
-    number: int
-    t_ns: int = Field(description="When it was asked, by the server's clock.")
-    message: str
-    quantity: str
-    since: float = Field(description="Slow time of the last reading before the change.")
-    size: float = Field(description="Of the change [1].")
-    sd: float
-    answered_by: str | None = Field(description="Event that answers it; null while it is open.")
-
-
-class AssetEventList(BaseModel):
-    """Events of an asset and questions about it, the newest first."""
-
-    id: str
-    events: list[AssetEventModel]
-    questions: list[QuestionModel]
 
 
 class AssetEventService(Protocol):

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Protocol
 from fastapi import APIRouter, Depends, Path, Request, Response
 from pydantic_core import to_json
 
+from slowtime_schemas.answers.diagnoses import DiagnosisList, DiagnosisModel, GapModel
 from twin_server.identity.principals import Principal, principal_of
 from twin_server.orders import FILES, DiagnosisOrder
 from twin_server.registration.twin import Registration
@@ -14,7 +15,6 @@ from twin_server.serve.http.body_queue import release_body_slot
 from twin_server.serve.http.bounded_threads import BoundedThreads
 from twin_server.serve.http.document_route import DocumentRoute
 from twin_server.serve.http.problems import ProblemError
-from twin_server.serve.models.diagnoses import DiagnosisList, DiagnosisModel, GapModel
 
 from .twin_path import TwinId
 

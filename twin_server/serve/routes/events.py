@@ -5,6 +5,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, Header, Query, Request, Response
 
+from slowtime_schemas.answers.history import EventList
 from twin_server.fairness import OverQuotaError
 from twin_server.history.rendering import event_object
 from twin_server.identity.principals import principal_of
@@ -14,7 +15,6 @@ from twin_server.serve.http.problems import ProblemError
 from twin_server.serve.http.quotas import over_quota
 from twin_server.serve.knowledge import Knowledge
 from twin_server.serve.live import Hub, LiveResponse
-from twin_server.serve.models.history import EventList
 from twin_server.serve.state_rendering import json_response
 
 from .twin_path import TwinId

@@ -6,10 +6,10 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Response
 from pydantic_core import to_json
 
+from slowtime_schemas.answers.fatigue import FatigueModel, VirtualModel
 from twin_server.registration.twin import Registration
 from twin_server.serve.http import problems
 from twin_server.serve.knowledge import Knowledge
-from twin_server.serve.models.fatigue import FatigueModel, VirtualModel
 
 from .twin_path import TwinId
 

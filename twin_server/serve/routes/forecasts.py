@@ -9,6 +9,7 @@ from pydantic import Field
 from pydantic_core import to_json
 
 from slowtime.degradation import RemainingLife
+from slowtime_schemas.answers.forecasts import ForecastModel, TrackRecordModel
 from twin_server.history.rendering import estimate_objects
 from twin_server.registration.thresholds import Limit, shown, signed
 from twin_server.registration.twin import Registration
@@ -17,7 +18,6 @@ from twin_server.serve.http.compute_queue import ComputeQueue
 from twin_server.serve.http.problems import ProblemError
 from twin_server.serve.instants import Moment, MomentText, moment_of
 from twin_server.serve.knowledge import Knowledge
-from twin_server.serve.models.forecasts import ForecastModel, TrackRecordModel
 from twin_server.settings import ServeSettings
 
 from .twin_path import TwinId

@@ -6,16 +6,16 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Query, Response
 from fastapi.concurrency import run_in_threadpool
 
+from slowtime_schemas.answers.history import HashModel, HistoryModel
+from slowtime_schemas.answers.twins import (
+    ModesModel,
+)
 from twin_server.history.rendering import points
 from twin_server.registration.twin import Registration
 from twin_server.serve.http import problems
 from twin_server.serve.http.bounded_threads import BoundedThreads
 from twin_server.serve.instants import MomentText, moment_of
 from twin_server.serve.knowledge import Knowledge
-from twin_server.serve.models.history import HashModel, HistoryModel
-from twin_server.serve.models.twins import (
-    ModesModel,
-)
 from twin_server.serve.state_rendering import json_response, modes_of, state_texts
 from twin_server.settings import ServeSettings
 

@@ -32,7 +32,7 @@ ASKED_ANEW = "no-cache"
 
 
 @dataclass(frozen=True)
-class Asset:
+class PageFile:
     """A file of the page, held in memory as it is and packed once it has been asked for.
 
     Parameters
@@ -82,20 +82,20 @@ def languages_of(folder: Path) -> dict[str, str]:
     return {path.stem: json.loads(path.read_text(encoding="utf-8"))[NAME] for path in paths}
 
 
-def assets_of_page() -> dict[str, Asset]:
+def assets_of_page() -> dict[str, PageFile]:
     """Read the page and all that it needs; its modules also as one script."""
     paths = [*(path for path in WEB.iterdir() if path.is_file()), VIEWER]
-    found = {path.name: Asset(path.name, path) for path in paths}
+    found = {path.name: PageFile(path.name, path) for path in paths}
     modules = {name: one.content.decode() for name, one in found.items() if name[-3:] == ".js"}
     script = bundled(modules, FIRST)
-    found[script.name] = Asset(script.name, script.text.encode(), FOR_GOOD)
+    found[script.name] = PageFile(script.name, script.text.encode(), FOR_GOOD)
     index = (
         found["index.html"]
         .content.decode()
         .replace(f"/assets/{FIRST}", f"/assets/{script.name}")
     )
-    found["index.html"] = Asset("index.html", index.encode())
-    found[PLOTLY.name] = Asset(PLOTLY.name, PLOTLY, A_DAY)
+    found["index.html"] = PageFile("index.html", index.encode())
+    found[PLOTLY.name] = PageFile(PLOTLY.name, PLOTLY, A_DAY)
     return found
 
 
@@ -104,8 +104,8 @@ def routes() -> APIRouter:
     api = APIRouter(include_in_schema=False)
     files = assets_of_page()
     languages = json.dumps(languages_of(MESSAGES), ensure_ascii=False).encode()
-    messages = {path.name: Asset(path.name, path) for path in MESSAGES.glob("*.json")}
-    messages["languages.json"] = Asset("languages.json", languages)
+    messages = {path.name: PageFile(path.name, path) for path in MESSAGES.glob("*.json")}
+    messages["languages.json"] = PageFile("languages.json", languages)
 
     @api.get("/")
     def index(request: Request) -> Response:
@@ -122,7 +122,7 @@ def routes() -> APIRouter:
     return api
 
 
-def _found(assets: dict[str, Asset], name: str, folder: str) -> Asset:
+def _found(assets: dict[str, PageFile], name: str, folder: str) -> PageFile:
     if name not in assets:
         raise ProblemError(
             404,

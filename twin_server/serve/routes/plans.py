@@ -7,14 +7,14 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Depends, Query, Request, Response
 from pydantic_core import to_json
 
-from slowtime.decisions.fleet import Candidate, dispatch
+from slowtime.decisions.fleet import VisitCandidate, dispatch
+from slowtime_schemas.answers import plans as plan_models
 from twin_server.identity.principals import principal_of
 from twin_server.registration.costs import RepairTerms, months_of
 from twin_server.registration.twin import Registration
 from twin_server.serve.http import problems
 from twin_server.serve.http.compute_queue import ComputeQueue
 from twin_server.serve.knowledge import Knowledge
-from twin_server.serve.models import plans as plan_models
 
 from .twin_path import OfForecast, TwinId
 
@@ -198,7 +198,7 @@ def _ranked(
     """Choose which of the assets are visited, and put the most urgent first."""
     chosen = dispatch(
         [
-            Candidate(asset["id"], asset["net"], asset["cost"])
+            VisitCandidate(asset["id"], asset["net"], asset["cost"])
             for asset in assets
             if asset["net"] is not None
         ],

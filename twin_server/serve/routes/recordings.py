@@ -9,11 +9,11 @@ from pathlib import Path as FilePath
 from typing import Annotated, Any, Literal, Protocol
 
 from fastapi import APIRouter, Path, Query, Request, Response
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 from pydantic_core import to_json
 from starlette.responses import FileResponse
 
-from slowtime_schemas.quantities import Plain
+from slowtime_schemas.quantities import Immutable, Plain
 from twin_server.identity.principals import Principal, principal_of
 from twin_server.serve.http import problems
 from twin_server.serve.http.bounded_threads import BoundedThreads
@@ -101,10 +101,8 @@ class RecordingList(BaseModel):
     recordings: list[RecordingModel]
 
 
-class ReplayOrder(BaseModel):
+class ReplayOrder(Immutable):
     """Speed of a replay."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     speed: Annotated[
         float | None,

@@ -7,11 +7,11 @@ from fastapi import APIRouter, Depends, Query, Request, Response
 from pydantic import Field
 from pydantic_core import to_json
 
+from slowtime_schemas.answers import risks as risk_models
 from twin_server.registration.twin import Registration
 from twin_server.serve.http import problems
 from twin_server.serve.http.compute_queue import ComputeQueue
 from twin_server.serve.knowledge import Knowledge
-from twin_server.serve.models import risks as risk_models
 
 from .twin_path import OfForecast, TwinId
 

@@ -5,11 +5,11 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, Response
 
+from slowtime_schemas.answers.shapes import ShapesModel
 from twin_server.registration.twin import Registration
 from twin_server.serve.http import problems
 from twin_server.serve.instants import MomentText, moment_of
 from twin_server.serve.knowledge import Knowledge
-from twin_server.serve.models.shapes import ShapesModel
 from twin_server.serve.state_rendering import json_response, shapes_of
 
 from .twin_path import TwinId

@@ -5,11 +5,19 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, Request, Response
 from fastapi.concurrency import run_in_threadpool
+from pydantic import ConfigDict
 from pydantic_core import from_json, to_json
 
+from slowtime_schemas.answers.base import RestAnswer
+from slowtime_schemas.answers.twins import (
+    CONCLUSION_EXAMPLE,
+    ELEMENTS_EXAMPLE,
+    STATE_EXAMPLE,
+    TwinStatus,
+)
 from twin_server.identity.principals import principal_of
 from twin_server.registration.changes import Author
-from twin_server.registration.twin import Registration
+from twin_server.registration.twin import MODEL_EXAMPLE, Registration
 from twin_server.serve.composite_service import CompositeService
 from twin_server.serve.http import problems
 from twin_server.serve.http.body_queue import release_body_slot
@@ -18,10 +26,6 @@ from twin_server.serve.http.document_route import DocumentRoute
 from twin_server.serve.http.problems import ProblemError
 from twin_server.serve.instants import Moment, MomentText, moment_of
 from twin_server.serve.knowledge import Knowledge
-from twin_server.serve.models.twins import (
-    TwinList,
-    TwinModel,
-)
 from twin_server.serve.state_rendering import no_state, state_texts
 
 from .twin_path import TwinId
@@ -34,6 +38,39 @@ _PROBLEMS = problems.answers(
         422: "A parameter that is not valid",
     }
 )
+
+
+class TwinModel(TwinStatus):
+    """A twin: its registration, and its latest state or that at an instant."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [
+                {
+                    **STATE_EXAMPLE,
+                    "conclusion": {"answer": "no", "findings": [], "next": None},
+                    "alive": True,
+                    "nominal": {"frequency_hz": 3.0, "damping_ratio": 0.02},
+                    "registration": {"changes": "stiffness"},
+                },
+                {
+                    **ELEMENTS_EXAMPLE,
+                    "conclusion": CONCLUSION_EXAMPLE,
+                    "alive": False,
+                    "nominal": {"frequency_hz": 3.0, "damping_ratio": 0.02},
+                    "registration": MODEL_EXAMPLE,
+                },
+            ]
+        }
+    )
+
+    registration: Registration
+
+
+class TwinList(RestAnswer):
+    """All twins."""
+
+    twins: tuple[TwinModel, ...]
 
 
 def routes(

@@ -13,7 +13,7 @@ MOST_WAITING = 16_000_000
 say [1]: 128 MiB."""
 
 
-class Run(NamedTuple):
+class SampleRun(NamedTuple):
     """Rows that follow each other, and the index of the first."""
 
     first_index: int
@@ -51,7 +51,7 @@ class Assembler:
         self._rows = np.full((begun, self._columns), np.nan)
         self._seen = np.zeros((len(self._rows), len(lanes)), dtype=bool)
         self._lost: collections.deque[tuple[int, int]] = collections.deque(maxlen=256)
-        self._out: list[Run] = []
+        self._out: list[SampleRun] = []
 
     def put(self, index: int, rows: Rows, lane: int = 0) -> None:
         """Put rows of one lane at their indices."""
@@ -97,7 +97,7 @@ class Assembler:
         """Rows that have been put and not taken."""
         return self._front - self._base + sum(len(run.rows) for run in self._out)
 
-    def take(self, *, all_of_it: bool = False) -> list[Run]:
+    def take(self, *, all_of_it: bool = False) -> list[SampleRun]:
         """Return runs that no later message can change; all after a time without messages."""
         if all_of_it:
             self._release(self._front)
@@ -140,7 +140,7 @@ class Assembler:
             return
         present = np.asarray(self._seen[:count].any(axis=1))
         if present.all():
-            self._out.append(Run(self._base, self._rows[:count].copy()))
+            self._out.append(SampleRun(self._base, self._rows[:count].copy()))
         else:
             self._release_parts(present)
         kept = self._front - limit
@@ -155,7 +155,7 @@ class Assembler:
         place = 0
         for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
             self._note_lost(self._base + place, begin - place)
-            self._out.append(Run(self._base + begin, self._rows[begin:end].copy()))
+            self._out.append(SampleRun(self._base + begin, self._rows[begin:end].copy()))
             place = end
         self._note_lost(self._base + place, len(present) - place)
 

@@ -5,10 +5,10 @@ import logging
 
 from edge_agent.acquire.live.batch import Batch
 from edge_agent.acquire.live.counts import SampleCounts
-from edge_agent.layouts import Counter
+from edge_agent.layouts import CounterField
 
 from .counter_wraps import JITTER_S, Pause, PauseVerdict
-from .positions import FOLLOWS_WITHIN, Numbered, Placement, Step
+from .positions import FOLLOWS_WITHIN, BatchPlacement, IndexStep, Numbered
 
 logger = logging.getLogger(__name__)
 
@@ -32,7 +32,7 @@ class ByCounter(Numbered):
     """
 
     def __init__(
-        self, counter: Counter, rate_hz: float, horizon: int, tally: SampleCounts
+        self, counter: CounterField, rate_hz: float, horizon: int, tally: SampleCounts
     ) -> None:
         super().__init__(rate_hz, horizon, tally)
         self._modulus: int = 2**counter.bits
@@ -43,7 +43,7 @@ class ByCounter(Numbered):
         self._recent: collections.deque[tuple[int, int]] = collections.deque(maxlen=RECENT)
         """Counts, wraps undone, of messages that came, and first counts and lengths of gaps."""
 
-    def place(self, batch: Batch) -> list[Placement]:
+    def place(self, batch: Batch) -> list[BatchPlacement]:
         """Index a batch, or hold it until its index is known."""
         if self._pause is not None and self._may_be_new(batch, self._pause.last_ns):
             return [*self._leave(self._pause.judge(now=True)), *self.place(batch)]
@@ -67,12 +67,12 @@ class ByCounter(Numbered):
         self._expect_after(batch, 0)
         return self._leave(self._pause.judge())
 
-    def finish(self) -> list[Placement]:
+    def finish(self) -> list[BatchPlacement]:
         """Accept batches that wait."""
         placed = [] if self._pause is None else self._leave(self._pause.judge(now=True))
         return [*placed, *super().finish()]
 
-    def _leave(self, verdict: PauseVerdict | None) -> list[Placement]:
+    def _leave(self, verdict: PauseVerdict | None) -> list[BatchPlacement]:
         """Index the batches that waited, as soon as there is a verdict."""
         pause = self._pause
         if pause is None or verdict is None:
@@ -98,7 +98,7 @@ class ByCounter(Numbered):
         for index, batch in pause.held:
             at = index + verdict.wraps * self._wrap(batch)
             is_late = at < self._front
-            placed.append(Placement(at, batch) if is_late else self._accept(at, batch))
+            placed.append(BatchPlacement(at, batch) if is_late else self._accept(at, batch))
         return placed
 
     def _opens(self, batch: Batch) -> bool:
@@ -157,12 +157,12 @@ class ByCounter(Numbered):
         self._counted += gap + counts
         self._expected = (batch.counter + counts) % self._modulus
 
-    def _step(self, batch: Batch) -> Step:
+    def _step(self, batch: Batch) -> IndexStep:
         samples = self._jump(batch) * self._each(batch)
         if samples == 0:
-            return Step(0)
+            return IndexStep(0)
         if self._may_be_new(batch, self._arrival_ns):
-            return Step(samples, restarts=True)
+            return IndexStep(samples, restarts=True)
         if self._is_late(batch):
             samples -= self._wrap(batch)
         return self._judge(samples, batch)

@@ -18,7 +18,7 @@ FOLLOWS_WITHIN = 64
 """Two messages so close, by their counters, confirm each other after a jump."""
 
 
-class Placement(NamedTuple):
+class BatchPlacement(NamedTuple):
     """A batch and its index; `restart` if the number of missing samples is unknown."""
 
     first_index: int
@@ -34,16 +34,16 @@ class Positions(Protocol):
         """Start numbering at the place of `batch` in the numbers of another lane, if known."""
         ...
 
-    def place(self, batch: Batch) -> list[Placement]:
+    def place(self, batch: Batch) -> list[BatchPlacement]:
         """Return indices that are known by now, of this batch or of those that waited."""
         ...
 
-    def finish(self) -> list[Placement]:
+    def finish(self) -> list[BatchPlacement]:
         """Places of those that still wait: nothing will follow for a while."""
         ...
 
 
-class Step(NamedTuple):
+class IndexStep(NamedTuple):
     """The distance of a batch from where it was expected [samples]."""
 
     samples: int
@@ -68,7 +68,7 @@ class Numbered(abc.ABC):
             # Counters that are no neighbours say nothing: it begins beside the other lane.
             self._front = other._front + (0 if step.restarts else step.samples)
 
-    def place(self, batch: Batch) -> list[Placement]:
+    def place(self, batch: Batch) -> list[BatchPlacement]:
         """Place a batch; one that contradicts those before waits for the next to confirm it."""
         if not self._begun:
             self._begun = True
@@ -83,12 +83,12 @@ class Numbered(abc.ABC):
         self._refuse_suspect()
         return [self._follow(batch, step)]
 
-    def finish(self) -> list[Placement]:
+    def finish(self) -> list[BatchPlacement]:
         """Accept batches that wait."""
         suspect, self._suspect = self._suspect, None
         return [] if suspect is None else [self._restart(suspect)]
 
-    def _decide(self, suspect: Batch, batch: Batch, step: Step) -> list[Placement]:
+    def _decide(self, suspect: Batch, batch: Batch, step: IndexStep) -> list[BatchPlacement]:
         if self._confirms(suspect, batch):
             self._suspect = None
             first = self._restart(suspect)
@@ -104,41 +104,41 @@ class Numbered(abc.ABC):
             self._tally.add("samples_refused", len(self._suspect.rows))
             self._suspect = None
 
-    def _restart(self, batch: Batch) -> Placement:
+    def _restart(self, batch: Batch) -> BatchPlacement:
         self._tally.add("sensor_restarts")
         by_time = round(self._delays.index_at(batch.arrival_ns)) - len(batch.rows)
         index = max(self._front + 1, by_time)
         self._expect_after(batch, index)
         return self._accept(index, batch)._replace(restart=True)
 
-    def _follow(self, batch: Batch, step: Step) -> Placement:
+    def _follow(self, batch: Batch, step: IndexStep) -> BatchPlacement:
         index = self._front + step.samples
         if step.samples < 0:
-            return Placement(index, batch)
+            return BatchPlacement(index, batch)
         self._expect_after(batch, step.samples)
         return self._accept(index, batch)
 
-    def _accept(self, index: int, batch: Batch) -> Placement:
+    def _accept(self, index: int, batch: Batch) -> BatchPlacement:
         self._front, self._arrival_ns = index + len(batch.rows), batch.arrival_ns
         self._delays.note(self._front, batch.arrival_ns)
-        return Placement(index, batch)
+        return BatchPlacement(index, batch)
 
-    def _judge(self, samples: int, batch: Batch) -> Step:
+    def _judge(self, samples: int, batch: Batch) -> IndexStep:
         """Decide whether a batch is late, follows a gap, or follows a restart."""
         if samples < 0:
-            return Step(samples, restarts=-samples > self._latest(batch))
+            return IndexStep(samples, restarts=-samples > self._latest(batch))
         next_index = self._front + samples + len(batch.rows)
         # What this agent itself has dropped had come: no time needs to have passed for it.
         unexplained = samples > batch.dropped
         ahead = unexplained and self._delays.is_ahead(next_index, batch.arrival_ns)
-        return Step(samples, restarts=ahead)
+        return IndexStep(samples, restarts=ahead)
 
     def _latest(self, batch: Batch) -> int:
         """Return how far a late sample may be behind [samples]."""
         return max(self._horizon, 4 * len(batch.rows))
 
     @abc.abstractmethod
-    def _step(self, batch: Batch) -> Step: ...
+    def _step(self, batch: Batch) -> IndexStep: ...
 
     @abc.abstractmethod
     def _expect_after(self, batch: Batch, samples: int) -> None: ...
@@ -198,7 +198,7 @@ class ByStamp(Numbered):
         self._period_ns = min(max(self._period_ns + period * rest_ns / count, low), high)
         return rest_ns * (1 - phase)
 
-    def _step(self, batch: Batch) -> Step:
+    def _step(self, batch: Batch) -> IndexStep:
         return self._judge(round(self._error_ns(batch) / self._period_ns), batch)
 
     def _confirms(self, suspect: Batch, batch: Batch) -> bool:
@@ -226,7 +226,7 @@ class ByArrival:
     def begin_beside(self, other: Positions, batch: Batch) -> None:
         """Begin with 0: the order of arrival gives no relation to other lanes."""
 
-    def place(self, batch: Batch) -> list[Placement]:
+    def place(self, batch: Batch) -> list[BatchPlacement]:
         """Index a batch, or hold it until the number of missing samples is known."""
         count = len(batch.rows)
         pause_s = (batch.arrival_ns - self._arrival_ns) / 1e9 if self._arrival_ns else 0.0
@@ -243,7 +243,7 @@ class ByArrival:
             return [] if 0.0 <= since_s < self.SETTLE_S else self.finish()
         return [self._next(batch)]
 
-    def finish(self) -> list[Placement]:
+    def finish(self) -> list[BatchPlacement]:
         """Index the batches that wait."""
         waiting, self._waiting = self._waiting, []
         missing = round(self._least_s * self._rate_hz) if waiting else 0
@@ -253,8 +253,8 @@ class ByArrival:
         self._waiting_rows, self._least_s = 0, 0.0
         return [self._next(batch) for batch in waiting]
 
-    def _next(self, batch: Batch) -> Placement:
+    def _next(self, batch: Batch) -> BatchPlacement:
         index = self._front + batch.dropped
         self._front = index + len(batch.rows)
         self._delays.note(self._front, batch.arrival_ns)
-        return Placement(index, batch)
+        return BatchPlacement(index, batch)

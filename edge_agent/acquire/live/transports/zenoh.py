@@ -11,7 +11,7 @@ from edge_agent.acquire.live.batch import Batch, GarbledError, Packet
 from edge_agent.acquire.live.formats.decoding import AnyLayout
 from edge_agent.acquire.live.registry import Opened, TransportContext, declared
 from edge_agent.inputs import LiveInput
-from edge_agent.layouts import Channel, Counter, JsonLayout
+from edge_agent.layouts import Channel, CounterField, JsonLayout
 from slowtime_schemas.codec import Refused, decode
 from slowtime_schemas.messages import SensorSamples
 from slowtime_schemas.streams import SAMPLES
@@ -59,7 +59,9 @@ class BusSamples:
                         Channel(name=name, unit=unit)
                         for name, unit in zip(told.channels, told.units, strict=True)
                     )
-                    layout = JsonLayout(channels=channels, counter=Counter(at="first_index"))
+                    layout = JsonLayout(
+                        channels=channels, counter=CounterField(at="first_index")
+                    )
                 except ValueError as error:  # `GarbledError` is one
                     logger.debug("A message that describes no samples: %s", error)
                     continue

@@ -40,7 +40,7 @@ _PARTS = (
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Clock:
+class RowClock:
     """A clock of the rows.
 
     Parameters
@@ -90,10 +90,10 @@ class Clock:
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class ClockReading:
+class ChosenClock:
     """Rate, start and gaps by the chosen clock, and which columns are clocks."""
 
-    clock: Clock | None
+    clock: RowClock | None
     axis: TimeAxis | None
     columns: frozenset[int]
     refusal: RecordError | None = None
@@ -107,7 +107,7 @@ def read_clock(
     *,
     unit: str | None = None,
     stated_rate_hz: float | None = None,
-) -> ClockReading:
+) -> ChosenClock:
     """Read the clock of a sheet: the one named, else the first by name or form that works.
 
     Parameters
@@ -120,9 +120,9 @@ def read_clock(
         The heading's rate, which can decide between units.
     """
     if given is not None and given.casefold() == "none":
-        return ClockReading(None, None, frozenset())
+        return ChosenClock(None, None, frozenset())
     only = None if given is None else find_column(given, names)
-    read: list[tuple[Clock, TimeAxis]] = []
+    read: list[tuple[RowClock, TimeAxis]] = []
     refusals: list[RecordError] = []
     times: set[int] = set()
     for attempt in _clocks(sheet, names, only, unit, stated_rate_hz):
@@ -138,7 +138,7 @@ def read_clock(
             if not attempt.named and only is None:
                 refusals.pop()
     if not read:
-        return ClockReading(None, None, frozenset(times), refusals[0] if refusals else None)
+        return ChosenClock(None, None, frozenset(times), refusals[0] if refusals else None)
     # Of several clocks, one with all its digits is better than one whose times repeat.
     read.sort(key=lambda pair: (not pair[0].named, bool(pair[1].notes), not pair[0].sure))
     clock, axis = read[0]
@@ -146,10 +146,10 @@ def read_clock(
     if axis.start_ns is None:
         dated = [other.start_ns for _, other in read[1:] if other.start_ns is not None]
         axis = dataclasses.replace(axis, start_ns=dated[0] if dated else None)
-    return ClockReading(clock, axis, frozenset(times | set(clock.columns)), None, clock.notes)
+    return ChosenClock(clock, axis, frozenset(times | set(clock.columns)), None, clock.notes)
 
 
-def _refuse_other_rates(read: Sequence[tuple[Clock, TimeAxis]]) -> None:
+def _refuse_other_rates(read: Sequence[tuple[RowClock, TimeAxis]]) -> None:
     clock, axis = read[0]
     for other, second in read[1:]:
         if not (other.named and clock.named) or second.notes:
@@ -168,7 +168,7 @@ def _clocks(
     only: int | None,
     unit: str | None,
     stated_rate_hz: float | None,
-) -> Iterator[Clock | RecordError]:
+) -> Iterator[RowClock | RecordError]:
     """All that may be a clock, the likeliest first."""
     columns = sheet.columns
     yield from _stamped(columns, names, only, sheet.zone)
@@ -195,7 +195,7 @@ def _clocks(
             yield _counted(place, names[place], column, False, unit, stated_rate_hz)
 
 
-def clock_of_numbers(place: int, name: str, column: Column) -> Clock | RecordError:
+def clock_of_numbers(place: int, name: str, column: Column) -> RowClock | RecordError:
     """Make a clock of a column of numbers by its own name and unit."""
     return _counted(place, name, column, True, None, None)
 
@@ -215,7 +215,7 @@ def _counted(
     named: bool,
     unit: str | None,
     stated_rate_hz: float | None,
-) -> Clock | RecordError:
+) -> RowClock | RecordError:
     """Read a clock of numbers."""
     values, notes = signed(column.values), ()
     if not np.isfinite(values.astype(float)).all():
@@ -228,7 +228,7 @@ def _counted(
     split = _hours_minutes(values, name)
     if split is not None:
         said = f"{name!r} as hours, minutes and seconds"
-        return Clock((place,), name, split, 1.0, None, None, said, True, named)
+        return RowClock((place,), name, split, 1.0, None, None, said, True, named)
     values, wrap = unwrapped(values)
     said_wrap: tuple[str, ...] = ()
     if wrap is not None:
@@ -242,7 +242,7 @@ def _counted(
     if not named and not scale.sure and scale.offset is None:
         scale = dataclasses.replace(scale, said=f"{name!r}, which grows steadily, in seconds")
     origin = _nanoseconds(values[0], scale.offset, scale.seconds)
-    return Clock(
+    return RowClock(
         (place,), name, values, scale.seconds, origin, None, scale.said, scale.sure, named,
         (*notes, *said_wrap),
     )  # fmt: skip
@@ -281,7 +281,7 @@ def _hours_minutes(
 
 def _stamped(
     columns: Sequence[Column], names: tuple[str, ...], only: int | None, zone: Zone | None
-) -> Iterator[Clock | RecordError]:
+) -> Iterator[RowClock | RecordError]:
     """Clocks of dates and times, a date beside its time joined."""
     dates = [i for i, column in enumerate(columns) if column.kind == "date"]
     if any(column.kind == "clock" for column in columns):
@@ -310,8 +310,8 @@ def _is_midnights(column: Column) -> bool:
 
 
 def _with_fraction(
-    clock: Clock, columns: Sequence[Column], names: tuple[str, ...], place: int
-) -> Clock:
+    clock: RowClock, columns: Sequence[Column], names: tuple[str, ...], place: int
+) -> RowClock:
     """Add the fractions of a second that stand in a column behind whole seconds."""
     part = fraction_beside(columns, names, place, clock.values, unnamed=True)
     if part is None:
@@ -329,7 +329,7 @@ def _with_fraction(
 
 def _seconds_and_fractions(
     columns: Sequence[Column], names: tuple[str, ...], only: int | None
-) -> Iterator[Clock]:
+) -> Iterator[RowClock]:
     """Clocks of whole seconds as numbers, and of fractions behind them."""
     for place, column in enumerate(columns):
         if only is not None and place != only:
@@ -346,7 +346,7 @@ def _seconds_and_fractions(
         said += f", with {names[part.place]!r} as fractions of a second"
         used, start = (place, part.place), int(values[0]) if dated else None
         digit = float(part.unit_ns)
-        yield Clock(used, names[place], values, 1e-9, start, digit, said, True, True)
+        yield RowClock(used, names[place], values, 1e-9, start, digit, said, True, True)
 
 
 def _combine_date_and_time(date: Stamps | None, time: Stamps) -> Stamps:
@@ -359,7 +359,7 @@ def _zone_of(column: Column, otherwise: Zone | None) -> Zone | None:
     return zone_in(f"{column.name} [{column.unit}]") or otherwise
 
 
-def _in_zone(clock: Clock | RecordError, zone: Zone | None) -> Clock | RecordError:
+def _in_zone(clock: RowClock | RecordError, zone: Zone | None) -> RowClock | RecordError:
     """Return a clock of whole days, which count in the zone of the file; others are in UTC."""
     if isinstance(clock, RecordError) or clock.origin_ns is None or clock.scale != DAY_S:
         return clock
@@ -372,7 +372,7 @@ def _in_zone(clock: Clock | RecordError, zone: Zone | None) -> Clock | RecordErr
 
 def clock_of_stamps(
     used: tuple[int, ...], name: str, stamps: Stamps, zone: Zone | None = None
-) -> Clock:
+) -> RowClock:
     """Make a clock of dates and times, or of times of day."""
     values, notes = stamps.ns, []
     if not stamps.dated:
@@ -399,7 +399,7 @@ def clock_of_stamps(
         said += f" {zone.said}"
     elif stamps.dated and not stamps.zoned:
         said += " in UTC, because no time zone is stated"
-    return Clock(
+    return RowClock(
         used,
         name,
         values,
@@ -416,7 +416,7 @@ def clock_of_stamps(
 
 def _six_column_clock(
     columns: Sequence[Column], names: tuple[str, ...], only: int | None, zone: Zone | None
-) -> Iterator[Clock | RecordError]:
+) -> Iterator[RowClock | RecordError]:
     """Read a clock of six columns: year, month, day, hour, minute, second."""
     if only is not None or len(columns) < 7:
         return
@@ -442,6 +442,6 @@ def _six_column_clock(
         said = f"{names[first]!r} to {names[first + 5]!r} as date and time "
         said += "in UTC" if zone is None else zone.said
         start = int(ns[0]) - (zone.ahead_ns if zone is not None else 0)
-        clock = Clock(tuple(part), names[first + 5], ns, 1e-9, start, None, said, True, True)
+        clock = RowClock(tuple(part), names[first + 5], ns, 1e-9, start, None, said, True, True)
         yield _with_fraction(clock, columns, names, first + 5)
         return

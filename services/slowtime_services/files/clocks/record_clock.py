@@ -25,17 +25,17 @@ FAR_S, FAR = 1.0, 0.01
 counted from the start that a heading states."""
 
 
-def clock_of_sheet(sheet: Sheet, said: ReadingOptions) -> candidates.ClockReading:
+def clock_of_sheet(sheet: Sheet, said: ReadingOptions) -> candidates.ChosenClock:
     """Detect the clock; rows that are one series have none."""
     if said.wrapped:
-        return candidates.ClockReading(None, None, frozenset())
+        return candidates.ChosenClock(None, None, frozenset())
     told = _clock_of_columns(sheet, said)
     if said.rate_hz is None and (told.clock is None or not told.clock.named):
         _refuse_spectrum(sheet)
     return told
 
 
-def _clock_of_columns(sheet: Sheet, said: ReadingOptions) -> candidates.ClockReading:
+def _clock_of_columns(sheet: Sheet, said: ReadingOptions) -> candidates.ChosenClock:
     own = None
     if said.rate_hz is None and said.time_column is None:
         own = clock_of_channels(sheet, said.channels)
@@ -75,7 +75,7 @@ def _refuse_spectrum(sheet: Sheet) -> None:
 
 
 def axis_of(
-    told: candidates.ClockReading, said: ReadingOptions, facts: Facts
+    told: candidates.ChosenClock, said: ReadingOptions, facts: Facts
 ) -> tuple[TimeAxis | None, tuple[str, ...]]:
     """Return the time axis by the clock; a given rate overrules it."""
     notes = told.notes
@@ -103,7 +103,7 @@ def axis_of(
 
 
 def start_of(
-    sheet: Sheet, axis: TimeAxis | None, told: candidates.ClockReading
+    sheet: Sheet, axis: TimeAxis | None, told: candidates.ChosenClock
 ) -> tuple[int | None, tuple[str, ...]]:
     """Return the start by the clock, else by the heading, and the words that state it."""
     if axis is not None and axis.start_ns is not None:
@@ -150,7 +150,7 @@ def no_clock(sheet: Sheet) -> str:
 
 
 def clock_words(
-    told: candidates.ClockReading, axis: TimeAxis | None, why: dict[str, str]
+    told: candidates.ChosenClock, axis: TimeAxis | None, why: dict[str, str]
 ) -> Iterator[str]:
     """Describe the assumptions on the columns."""
     if told.clock is not None and axis is not None:

@@ -13,7 +13,7 @@ from slowtime_services.files.sheet import Column, Sheet
 from slowtime_services.files.times.time_axis import TimeAxis, looks_like_time, printed_digit
 from slowtime_services.files.times.time_units import TIME_WORDS, words_of
 
-from .candidates import Clock, clock_of_numbers, clock_of_stamps
+from .candidates import RowClock, clock_of_numbers, clock_of_stamps
 
 SAME_INSTANT_STEPS = 0.05
 """Difference of two times [steps] up to which they are one instant: at a quarter of the
@@ -28,7 +28,7 @@ ZONE_STEP_S = 900.0
 class SensorClock:
     """A clock and the channels behind it, up to the next clock."""
 
-    clock: Clock
+    clock: RowClock
     axis: TimeAxis
     channels: tuple[int, ...]
 
@@ -107,12 +107,12 @@ def _may_be_clock(column: Column, name: str) -> bool:
 
 def _clock(
     place: int, column: Column, name: str, first_line: int
-) -> tuple[Clock, TimeAxis] | None:
+) -> tuple[RowClock, TimeAxis] | None:
     """Read a column as a clock as far as it has values; None where it is none."""
     if not _may_be_clock(column, name):
         return None
     if column.stamps is not None:
-        attempt: Clock | RecordError = clock_of_stamps((place,), name, column.stamps)
+        attempt: RowClock | RecordError = clock_of_stamps((place,), name, column.stamps)
     else:
         values = column.values
         if values.dtype.kind == "f":
@@ -169,7 +169,7 @@ def _difference(one: SensorClock, other: SensorClock) -> str:
     return " and ".join(said)
 
 
-def _offset(first: Clock, second: Clock) -> float | None:
+def _offset(first: RowClock, second: RowClock) -> float | None:
     """Seconds from the first row of one clock to that of another; None if zeros may differ."""
     if first.origin_ns is not None and second.origin_ns is not None:
         apart = (second.origin_ns - first.origin_ns) * 1e-9

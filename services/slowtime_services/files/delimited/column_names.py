@@ -11,7 +11,7 @@ from slowtime_services.files.record import looks_like_unit
 from slowtime_services.files.times.time_axis import is_time_name
 from slowtime_services.files.units import unit_of
 
-from .dialect import Dialect, Layout
+from .dialect import ColumnLayout, Dialect
 from .names_and_units import has_unit, names_and_units
 
 MOST_ROWS = 5
@@ -89,7 +89,9 @@ class _Form(NamedTuple):
     closed: bool = True
 
 
-def read_heading(preamble: Sequence[str], layout: Layout, body: Sequence[str] = ()) -> Heading:
+def read_heading(
+    preamble: Sequence[str], layout: ColumnLayout, body: Sequence[str] = ()
+) -> Heading:
     """Names and units of the columns; no names where no line above the rows is a heading.
 
     Parameters
@@ -130,7 +132,7 @@ def read_heading(preamble: Sequence[str], layout: Layout, body: Sequence[str] = 
     return Heading(*names_and_units(rows[0], units), notes)
 
 
-def _one_too_many(preamble: Sequence[str], layout: Layout) -> tuple[str, ...]:
+def _one_too_many(preamble: Sequence[str], layout: ColumnLayout) -> tuple[str, ...]:
     """Note that the line above the rows has a word more than there are columns."""
     last = next((line for line in reversed(preamble) if line.strip()), "")
     fields = layout.dialect.split(last)
@@ -143,7 +145,7 @@ def _one_too_many(preamble: Sequence[str], layout: Layout) -> tuple[str, ...]:
 
 
 def _with_nameless_column(
-    fewer: Sequence[list[str]], layout: Layout, body: Sequence[str]
+    fewer: Sequence[list[str]], layout: ColumnLayout, body: Sequence[str]
 ) -> tuple[list[list[str]], tuple[str, ...]]:
     """Put an empty name in front of one name less than there are columns, or behind them.
 
@@ -160,7 +162,7 @@ def _with_nameless_column(
     return [[*row, ""] for row in fewer], (said,)
 
 
-def _is_first_nameless(name: str, layout: Layout, body: Sequence[str]) -> bool:
+def _is_first_nameless(name: str, layout: ColumnLayout, body: Sequence[str]) -> bool:
     """Whether the first of several columns is one that stands before those with names."""
     kinds = layout.kinds
     timed = is_time_name(name)
@@ -174,14 +176,14 @@ def _is_first_nameless(name: str, layout: Layout, body: Sequence[str]) -> bool:
     return len(first) == 0 or _mostly_rises(first) or not first.any()
 
 
-def _are_digits(layout: Layout, body: Sequence[str], place: int) -> bool:
+def _are_digits(layout: ColumnLayout, body: Sequence[str], place: int) -> bool:
     """Whether a column has as many digits in each row, as decimals of a stamp in front have."""
     width = len(layout.kinds)
     fields = [row[place] for line in body if len(row := layout.dialect.split(line)) == width]
     return len({len(one) for one in fields}) == 1 and all(map(str.isdigit, fields))
 
 
-def _steps(layout: Layout, body: Sequence[str], place: int) -> Float[np.ndarray, " row"]:
+def _steps(layout: ColumnLayout, body: Sequence[str], place: int) -> Float[np.ndarray, " row"]:
     """Return the steps of a column between the first rows; NaN beside what is no number."""
     dialect, width = layout.dialect, len(layout.kinds)
     fields = [row[place] for line in body if len(row := dialect.split(line)) == width]
@@ -193,7 +195,7 @@ def _mostly_rises(steps: Float[np.ndarray, " row"]) -> bool:
     return bool(len(steps) and (steps > 0).mean() > 0.9)
 
 
-def _are_keyed(preamble: Sequence[str], layout: Layout, body: Sequence[str]) -> bool:
+def _are_keyed(preamble: Sequence[str], layout: ColumnLayout, body: Sequence[str]) -> bool:
     """Whether lines with one field more than there are columns begin with a key.
 
     The key of one line of settings, such as ``Sample rate;200;200`` or ``Unit;g;g``, tells

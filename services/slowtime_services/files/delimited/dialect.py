@@ -131,7 +131,7 @@ DIALECTS = (
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Layout:
+class ColumnLayout:
     """Line of the first row, and the kind of each column."""
 
     dialect: Dialect
@@ -139,7 +139,7 @@ class Layout:
     kinds: tuple[Kind, ...]
 
 
-def find_layout(lines: Sequence[str], name: str, skip: int | None) -> Layout:
+def find_layout(lines: Sequence[str], name: str, skip: int | None) -> ColumnLayout:
     """Find the dialect in which most of the head reads as rows of one shape.
 
     Raises
@@ -155,7 +155,7 @@ def find_layout(lines: Sequence[str], name: str, skip: int | None) -> Layout:
     return _with_thousands(lines, layout, name)
 
 
-def longest_rows(head: Sequence[str], offset: int) -> Layout | None:
+def longest_rows(head: Sequence[str], offset: int) -> ColumnLayout | None:
     """Find the layout with the most rows in the first lines; None where none has any.
 
     Parameters
@@ -163,7 +163,7 @@ def longest_rows(head: Sequence[str], offset: int) -> Layout | None:
     offset
         Lines of the file before these [1].
     """
-    best: tuple[tuple[int, int, int], Layout] | None = None
+    best: tuple[tuple[int, int, int], ColumnLayout] | None = None
     for dialect in DIALECTS:
         mark = dialect.delimiter
         if mark is not None and not any(mark in line for line in head):
@@ -176,11 +176,11 @@ def longest_rows(head: Sequence[str], offset: int) -> Layout | None:
         score = (run.length, -words, len(run.kinds) if dialect.delimiter else 1)
         if best is None or score > best[0]:
             first = offset + _first_row(head, dialect, run)
-            best = score, Layout(dialect, first, run.kinds)
+            best = score, ColumnLayout(dialect, first, run.kinds)
     return None if best is None else best[1]
 
 
-def _with_thousands(lines: Sequence[str], layout: Layout, name: str) -> Layout:
+def _with_thousands(lines: Sequence[str], layout: ColumnLayout, name: str) -> ColumnLayout:
     """Take decimal marks for marks between thousands, where they can be no others.
 
     Decimals are written with the same number of digits in each row, or without zeros at their
@@ -225,7 +225,7 @@ def _with_thousands(lines: Sequence[str], layout: Layout, name: str) -> Layout:
     return layout
 
 
-def _rows_with(mark: str, lines: Sequence[str], layout: Layout) -> Iterator[list[str]]:
+def _rows_with(mark: str, lines: Sequence[str], layout: ColumnLayout) -> Iterator[list[str]]:
     """Fields of rows of the expected number that contain a mark."""
     dialect, width = layout.dialect, len(layout.kinds)
     for line in lines[layout.first :]:
@@ -233,7 +233,7 @@ def _rows_with(mark: str, lines: Sequence[str], layout: Layout) -> Iterator[list
             yield fields
 
 
-def _refuse_split_decimals(lines: Sequence[str], layout: Layout, name: str) -> None:
+def _refuse_split_decimals(lines: Sequence[str], layout: ColumnLayout, name: str) -> None:
     """Ask about commas that part numbers and, it seems, their decimals, too.
 
     Decimals are whole numbers without a sign, some of which begin with zeros. Where such

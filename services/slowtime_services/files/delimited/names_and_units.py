@@ -29,7 +29,7 @@ _SERIAL_NUMBER = re.compile(r"\(.*\bS/N\b.*\)", re.I)
 """A bracket of HOBOware, which has the serial numbers of logger and sensor."""
 
 
-class _Parts(NamedTuple):
+class _FieldParts(NamedTuple):
     """A field, cut before its last bracket, or before a separator and a unit."""
 
     stem: str
@@ -91,20 +91,20 @@ def _bare(name: str) -> str:
     return name.rstrip(" :/,") or name
 
 
-def _parts(field: str) -> _Parts:
+def _parts(field: str) -> _FieldParts:
     """Split ``"acc [g]"``, ``"acc (g)"``, ``"acc, g"``, ``"acc / g"`` and ``"acc in g"``."""
     if len(field) > LONGEST_NAME:
-        return _Parts(field, "", "", "")
+        return _FieldParts(field, "", "", "")
     for bracket in _BRACKETS:
         if (match := bracket.fullmatch(field)) is not None:
             text, stem = match["text"].strip(), match["stem"]
             dated = is_time_name(stem) and match["tail"].startswith("[")
             unit = text if dated or _states_unit(stem, text) else _first_unit(text)
-            return _Parts(stem, match["tail"], text, unit)
+            return _FieldParts(stem, match["tail"], text, unit)
     match = _SEPARATED.fullmatch(field)
     if match is not None and _states_unit(match["stem"], match["text"]):
-        return _Parts(match["stem"], match["tail"], match["text"], match["text"])
-    return _Parts(field, "", "", "")
+        return _FieldParts(match["stem"], match["tail"], match["text"], match["text"])
+    return _FieldParts(field, "", "", "")
 
 
 def _states_unit(stem: str, text: str) -> bool:
@@ -126,7 +126,7 @@ def _first_unit(text: str) -> str:
     return first.strip() if comma and _is_acceleration(first) else ""
 
 
-def _indices(parts: Sequence[_Parts]) -> frozenset[int]:
+def _indices(parts: Sequence[_FieldParts]) -> frozenset[int]:
     """Columns whose brackets, or letters behind a separator, are indices or directions."""
     found: set[int] = set()
     exact: dict[str, list[int]] = defaultdict(list)

@@ -16,7 +16,7 @@ from typing import Any
 from slowtime.signals.block import Block
 from slowtime_services.files.clocks.record_clock import BY_CLOCK
 from slowtime_services.files.headings.sampling import Facts
-from slowtime_services.files.plausibility import Measured, refuse_disagreement
+from slowtime_services.files.plausibility import RowFigures, refuse_disagreement
 from slowtime_services.files.record import Record, RecordError
 from slowtime_services.files.record_reader import read_record
 from slowtime_services.files.text_sheet import read_text
@@ -149,7 +149,7 @@ class _Stated:
             refuse_disagreement(
                 self.file,
                 self.facts,
-                Measured(rows=samples, width=width, missing=missing, named=self.named),
+                RowFigures(rows=samples, width=width, missing=missing, named=self.named),
                 rate_hz=head.rate_hz,
                 wrapped=wrapped,
             )

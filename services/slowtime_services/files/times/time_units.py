@@ -66,7 +66,7 @@ _GPS_FROM_1970_S = 315_964_800
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Scale:
+class TimeScale:
     """Unit and kind of a column of times.
 
     Parameters
@@ -134,7 +134,7 @@ def scale_of(
     *,
     given: str | None = None,
     stated_rate_hz: float | None = None,
-) -> Scale:
+) -> TimeScale:
     """Return the unit and kind of a column of times.
 
     Parameters
@@ -155,8 +155,8 @@ def scale_of(
         whose = "as given" if given is not None else "by its name"
         said = f"{name!r} in {_NAMES[sure]} {whose}"
         if sure == 86400.0:
-            return Scale(sure, _day_zero(first), said, sure=True)
-        return Scale(sure, _epoch_zero(first * sure, sure, name), said, sure=True)
+            return TimeScale(sure, _day_zero(first), said, sure=True)
+        return TimeScale(sure, _epoch_zero(first * sure, sure, name), said, sure=True)
     rate = 1.0 / step if step > 0 else 0.0
     possible = [
         _Guess(s, rate / s, _epoch_zero(first * s, s, name)) for s in (1.0, 1e-3, 1e-6, 1e-9)
@@ -166,19 +166,19 @@ def scale_of(
         best = dated[0]
         year = 1904 if best.zero else 1970
         said = f"{name!r} in {_NAMES[best.scale]} since {year}, by its size"
-        return Scale(best.scale, best.zero, said, sure=False)
+        return TimeScale(best.scale, best.zero, said, sure=False)
     for low, high, zero, counted in _DAY_COUNTS:
         if (
             low <= first < high
             and rate / 86400 >= SLOWEST_HZ
             and rate > 1000 * SLOWEST_UNSAID_HZ
         ):
-            return Scale(86400.0, zero, f"{name!r} in {counted}, by its size", sure=False)
+            return TimeScale(86400.0, zero, f"{name!r} in {counted}, by its size", sure=False)
     if stated_rate_hz is not None:
         for guess in possible:
             if abs(guess.rate_hz / stated_rate_hz - 1) < 0.02:
                 said = f"{name!r} in {_NAMES[guess.scale]}, for the heading states the rate"
-                return Scale(guess.scale, None, said, sure=False)
+                return TimeScale(guess.scale, None, said, sure=False)
     whole = bool(np.all(np.mod(values[: FEWEST_DOUBTED + 1].astype(float), 1) == 0))
     doubtful = rate < SLOWEST_UNSAID_HZ * (1 - 1e-9) or (
         whole and rate <= SLOWEST_UNSAID_HZ * (1 + 1e-9)
@@ -196,7 +196,7 @@ def scale_of(
             f"which with --time-unit {'|'.join(UNITS)} or in the column's name, as in t_ms; or "
             "give --rate-hz."
         )
-    return Scale(1.0, None, f"{name!r} in seconds, because no unit is stated", sure=False)
+    return TimeScale(1.0, None, f"{name!r} in seconds, because no unit is stated", sure=False)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ from typing import Any
 
 from slowtime_services.matrices.bounds import refuse_long_set, written_out
 
-from .abaqus_deck import Block, read_blocks
+from .abaqus_deck import KeywordBlock, read_blocks
 from .abaqus_sections import add_material, beam_section, general_section
 from .mesh import DIRECTIONS, Mesh
 
@@ -65,7 +65,7 @@ class _Reader:
     element_sets: dict[str, list[str]] = dataclasses.field(default_factory=dict)
     kinds: dict[str, tuple[str, list[str], int]] = dataclasses.field(default_factory=dict)
     material: str = ""
-    later: list[Block] = dataclasses.field(default_factory=list)
+    later: list[KeywordBlock] = dataclasses.field(default_factory=list)
     released: dict[str, tuple[list[str], list[str]]] = dataclasses.field(default_factory=dict)
 
 
@@ -98,7 +98,7 @@ def read_input(mesh: Mesh) -> None:
             )
 
 
-def _first(reader: _Reader, block: Block) -> None:
+def _first(reader: _Reader, block: KeywordBlock) -> None:
     """Nodes, elements, sets and materials; the rest is kept until all of these are there."""
     mesh, keyword = reader.mesh, block.keyword
     if keyword == "NODE":
@@ -121,11 +121,11 @@ def _first(reader: _Reader, block: Block) -> None:
         mesh.refuse(f"*{keyword}", block.line)
 
 
-def _second(reader: _Reader, block: Block) -> None:
+def _second(reader: _Reader, block: KeywordBlock) -> None:
     _LATER[block.keyword](reader, block)
 
 
-def _add_nodes(reader: _Reader, block: Block) -> None:
+def _add_nodes(reader: _Reader, block: KeywordBlock) -> None:
     if any(key in block.parameters for key in ("INPUT", "SYSTEM")):
         raise block.error("reads another file or system. Give nodes here, in rectangular axes.")
     names = []
@@ -138,7 +138,7 @@ def _add_nodes(reader: _Reader, block: Block) -> None:
         reader.node_sets.setdefault(block.parameter("NSET"), []).extend(names)
 
 
-def _add_elements(reader: _Reader, block: Block) -> None:
+def _add_elements(reader: _Reader, block: KeywordBlock) -> None:
     kind = block.parameter("TYPE")
     if kind not in (*BEAMS, *TRUSSES, *SHELLS, *OTHERS):
         reader.mesh.refuse(f"*ELEMENT, TYPE={kind}", block.line)
@@ -154,12 +154,12 @@ def _add_elements(reader: _Reader, block: Block) -> None:
         reader.element_sets.setdefault(block.parameter("ELSET"), []).extend(names)
 
 
-def _add_set(block: Block, sets: dict[str, list[str]], name: str) -> None:
+def _add_set(block: KeywordBlock, sets: dict[str, list[str]], name: str) -> None:
     sets[name] = refuse_long_set(_written_out(block, sets, sets.get(name, [])), name)
 
 
 def _written_out(
-    block: Block, sets: Mapping[str, list[str]], members: list[str]
+    block: KeywordBlock, sets: Mapping[str, list[str]], members: list[str]
 ) -> Iterator[str]:
     """Yield the members of a set that there are, and those that a block adds."""
     yield from members
@@ -173,7 +173,7 @@ def _written_out(
                 yield from [part] if part.isdecimal() else sets.get(part.upper(), [])
 
 
-def _members(block: Block, sets: dict[str, list[str]], name: str) -> list[str]:
+def _members(block: KeywordBlock, sets: dict[str, list[str]], name: str) -> list[str]:
     if name.isdecimal():
         return [name]
     if name.upper() not in sets:
@@ -183,7 +183,7 @@ def _members(block: Block, sets: dict[str, list[str]], name: str) -> list[str]:
     return sets[name.upper()]
 
 
-def _sectioned(reader: _Reader, block: Block) -> None:
+def _sectioned(reader: _Reader, block: KeywordBlock) -> None:
     """*BEAM SECTION, *BEAM GENERAL SECTION or *SOLID SECTION of a set of elements."""
     mesh, group = reader.mesh, block.parameter("ELSET")
     normal = [0.0, 0.0, 0.0]
@@ -228,7 +228,7 @@ def _sectioned(reader: _Reader, block: Block) -> None:
             )
 
 
-def _release(reader: _Reader, block: Block) -> None:
+def _release(reader: _Reader, block: KeywordBlock) -> None:
     """*RELEASE: element or set, end S1 or S2, and the moments that it does not pass."""
     for line, parts in block.data:
         if len(parts) < 3 or parts[1].upper() not in ENDS or parts[2].upper() not in RELEASED:
@@ -248,7 +248,7 @@ def _release(reader: _Reader, block: Block) -> None:
             found += [way for way in ways if way not in found]
 
 
-def _add_shells(reader: _Reader, block: Block) -> None:
+def _add_shells(reader: _Reader, block: KeywordBlock) -> None:
     mesh, group, name = reader.mesh, block.parameter("ELSET"), block.parameter("MATERIAL")
     if "young_pa" not in mesh.materials.get(name, {}):
         raise block.error(f"names the material {name}. Allowed is one with *ELASTIC.")
@@ -269,7 +269,7 @@ def _add_shells(reader: _Reader, block: Block) -> None:
         )
 
 
-def _add_masses(reader: _Reader, block: Block) -> None:
+def _add_masses(reader: _Reader, block: KeywordBlock) -> None:
     mesh = reader.mesh
     values = block.numbers(0, 1)
     if block.keyword == "ROTARY INERTIA" and any(values[3:6]):
@@ -285,7 +285,7 @@ def _add_masses(reader: _Reader, block: Block) -> None:
         mesh.masses.append(entry)
 
 
-def _add_springs(reader: _Reader, block: Block) -> None:
+def _add_springs(reader: _Reader, block: KeywordBlock) -> None:
     mesh = reader.mesh
     directions, (value, *_) = [int(v) - 1 for v in block.numbers(0, 1)], block.numbers(1, 1)
     if len(set(directions)) > 1 or not 0 <= directions[0] < 6:
@@ -301,7 +301,7 @@ def _add_springs(reader: _Reader, block: Block) -> None:
         mesh.add_spring(f"{kind} {number}", ends, {way: value}, group)
 
 
-def _hold(reader: _Reader, block: Block) -> None:
+def _hold(reader: _Reader, block: KeywordBlock) -> None:
     for line, parts in block.data:
         nodes = _members(block, reader.node_sets, parts[0])
         word = parts[1].upper() if len(parts) > 1 else ""
@@ -327,7 +327,7 @@ def _hold(reader: _Reader, block: Block) -> None:
             reader.mesh.hold(node, directions)
 
 
-def _relate(reader: _Reader, block: Block) -> None:
+def _relate(reader: _Reader, block: KeywordBlock) -> None:
     """*EQUATION: the number of terms, then node, direction and factor of each."""
     rows = iter(block.data)
     for _, (count, *_) in rows:

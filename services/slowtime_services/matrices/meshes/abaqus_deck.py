@@ -11,7 +11,7 @@ LONGEST_KEYWORD = 4_000
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Block:
+class KeywordBlock:
     """A keyword, its parameters in capitals, and its lines of data with their numbers."""
 
     path: Path
@@ -56,7 +56,7 @@ class Block:
         return MatrixFileError(f"Line {self.line} of {self.path.name}, *{self.keyword}: {text}")
 
 
-def read_blocks(path: Path) -> Iterator[Block]:
+def read_blocks(path: Path) -> Iterator[KeywordBlock]:
     """Read the blocks of an input file.
 
     Parameters
@@ -75,7 +75,7 @@ def read_blocks(path: Path) -> Iterator[Block]:
     """
     if not path.is_file():
         raise MatrixFileError(f"There is no file {path}. Check the path.")
-    block: Block | None = None
+    block: KeywordBlock | None = None
     in_step = False
     head = ""
     for number, raw in enumerate(path.read_text(encoding="latin-1").splitlines(), 1):
@@ -107,10 +107,10 @@ def read_blocks(path: Path) -> Iterator[Block]:
         yield block
 
 
-def _opened(path: Path, number: int, text: str, *, in_step: bool) -> Block:
+def _opened(path: Path, number: int, text: str, *, in_step: bool) -> KeywordBlock:
     word, *rest = [part.strip() for part in text.lstrip("*").split(",")]
     parameters = {}
     for part in rest:
         key, _, value = part.partition("=")
         parameters["".join(key.upper().split())] = value.strip().strip('"')
-    return Block(path, number, " ".join(word.upper().split()), parameters, [], in_step)
+    return KeywordBlock(path, number, " ".join(word.upper().split()), parameters, [], in_step)

@@ -2,14 +2,14 @@
 
 from typing import Any
 
-from .abaqus_deck import Block
+from .abaqus_deck import KeywordBlock
 from .mesh import Mesh, box, solid_round
 
 DEFAULT_NORMAL = (0.0, 0.0, -1.0)
 """First local axis of a beam section where none is given, by both manuals."""
 
 
-def add_material(mesh: Mesh, name: str, block: Block) -> None:
+def add_material(mesh: Mesh, name: str, block: KeywordBlock) -> None:
     """Add what *ELASTIC or *DENSITY says to the material that was begun last."""
     if not name:
         raise block.error("comes before any *MATERIAL. Give it below one.")
@@ -26,7 +26,7 @@ def add_material(mesh: Mesh, name: str, block: Block) -> None:
     material |= {"young_pa": young * mesh.units.pressure_pa, "poisson": poisson}
 
 
-def beam_section(mesh: Mesh, block: Block) -> tuple[dict[str, Any], list[float]]:
+def beam_section(mesh: Mesh, block: KeywordBlock) -> tuple[dict[str, Any], list[float]]:
     """Section of *BEAM SECTION, and its first local axis.
 
     Returns
@@ -59,7 +59,7 @@ def beam_section(mesh: Mesh, block: Block) -> tuple[dict[str, Any], list[float]]
     )
 
 
-def _round(block: Block, sizes: list[float]) -> dict[str, Any]:
+def _round(block: KeywordBlock, sizes: list[float]) -> dict[str, Any]:
     """Give the solid round section of a radius (Abaqus) or two equal diameters (CalculiX)."""
     if len(sizes) > 1 and sizes[0] != sizes[1]:
         raise block.error("is an ellipse. Allowed are a radius, or two equal diameters.")
@@ -67,7 +67,7 @@ def _round(block: Block, sizes: list[float]) -> dict[str, Any]:
 
 
 def general_section(
-    mesh: Mesh, block: Block
+    mesh: Mesh, block: KeywordBlock
 ) -> tuple[dict[str, Any], list[float], dict[str, Any]]:
     """Section, first local axis and material of *BEAM GENERAL SECTION, SECTION=GENERAL."""
     if block.parameters.get("SECTION", "GENERAL").upper() != "GENERAL":

@@ -19,7 +19,7 @@ from jaxtyping import Float, Int
 from slowtime.discrepancy.candidates.force_space import ForceSpace
 from slowtime.dynamics.effects import Kind, force_along
 
-from .scales import Block
+from .scales import ColumnGroup
 
 MIN_GAIN = 3.0
 """[nats] Of log evidence by which a group of terms must gain. Source: Kass and Raftery (1995):
@@ -61,7 +61,7 @@ class Regression:
     """
 
     kind: Kind
-    blocks: tuple[Block, ...]
+    blocks: tuple[ColumnGroup, ...]
     scales: Mapping[str, float]
     coefficients: Mapping[str, float]
     evidence: float
@@ -115,7 +115,7 @@ class Equations:
 def choose_terms(
     kind: Kind,
     scales: Mapping[str, float],
-    blocks: Sequence[Block],
+    blocks: Sequence[ColumnGroup],
     space: ForceSpace,
     excess: float | None = None,
 ) -> Regression | None:
@@ -169,7 +169,7 @@ def choose_terms(
 
 
 def _coefficients(
-    equations: Equations, blocks: Sequence[Block], chosen: Sequence[int], spread: float
+    equations: Equations, blocks: Sequence[ColumnGroup], chosen: Sequence[int], spread: float
 ) -> dict[str, float]:
     """Solve for the coefficients of some blocks, by name [N]."""
     names = [name for i in chosen for name in blocks[i].names]
@@ -194,10 +194,10 @@ def _excess(equations: Equations, spread: float, space: ForceSpace) -> float:
 def _refined(
     kind: Kind,
     scales: Mapping[str, float],
-    chosen: Sequence[Block],
+    chosen: Sequence[ColumnGroup],
     spread: float,
     space: ForceSpace,
-) -> Block:
+) -> ColumnGroup:
     """Give the block of the slow level with the time constant of most evidence.
 
     A run loses its phase where a slow change is off by a few per cent.
@@ -205,7 +205,7 @@ def _refined(
     at = next(i for i, block in enumerate(chosen) if block.group == LEVEL)
     block = chosen[at]
 
-    def with_time(log_factor: float) -> Block:
+    def with_time(log_factor: float) -> ColumnGroup:
         time = block.scales["level_s"] * math.exp(log_factor)
         return dataclasses.replace(block, scales={**block.scales, "level_s": time})
 
@@ -221,7 +221,7 @@ def _refined(
 
 
 def _forward(
-    equations: Equations, blocks: Sequence[Block], spread: float
+    equations: Equations, blocks: Sequence[ColumnGroup], spread: float
 ) -> tuple[float, list[int], list[int]]:
     """Add the block of most evidence until none gains enough, then drop needless ones.
 
@@ -248,7 +248,7 @@ def _forward(
     return evidence, chosen, [i for i in leading or chosen if i in chosen]
 
 
-def _fits(blocks: Sequence[Block], chosen: Sequence[int], i: int) -> bool:
+def _fits(blocks: Sequence[ColumnGroup], chosen: Sequence[int], i: int) -> bool:
     """Whether a block may join others: one of each group, and no scale in two values."""
     if any(blocks[j].group == blocks[i].group for j in chosen):
         return False
@@ -260,7 +260,7 @@ def _fits(blocks: Sequence[Block], chosen: Sequence[int], i: int) -> bool:
 
 
 def equations_of(
-    kind: Kind, scales: Mapping[str, float], blocks: Sequence[Block], space: ForceSpace
+    kind: Kind, scales: Mapping[str, float], blocks: Sequence[ColumnGroup], space: ForceSpace
 ) -> Equations:
     """Form the normal equations of all columns of all blocks.
 

@@ -38,7 +38,7 @@ within the first records to one that is nearly a straight line."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Block:
+class ColumnGroup:
     """Columns of a surface that are chosen together, and the scales that they need.
 
     Parameters
@@ -92,7 +92,7 @@ def fixed_scales(latents: Sequence[LatentForce]) -> dict[str, float] | None:
 
 def blocks_of(
     latents: Sequence[LatentForce], groups: Mapping[str, tuple[str, ...]]
-) -> list[Block]:
+) -> list[ColumnGroup]:
     """List the blocks of columns, each group at each scale that is tried.
 
     Parameters
@@ -118,7 +118,7 @@ def blocks_of(
         "level": [{"level_s": time, "level_of": of} for time, of in levels],
     }
     return [
-        Block(group, names, scale)
+        ColumnGroup(group, names, scale)
         for group, names in groups.items()
         for scale in scales.get(group, [{}])
     ]

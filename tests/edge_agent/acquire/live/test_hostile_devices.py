@@ -19,9 +19,9 @@ from edge_agent.acquire.live.indexing.assembly import Assembler
 from edge_agent.acquire.live.indexing.bursts import Backlog
 from edge_agent.acquire.live.indexing.counters import ByCounter
 from edge_agent.acquire.live.indexing.positions import ByArrival
-from edge_agent.condition import Condition
+from edge_agent.condition import Conditioner
 from edge_agent.inputs import LiveInput
-from edge_agent.layouts import Counter, CsvLayout, JsonLayout, PackedLayout, Stamp
+from edge_agent.layouts import CounterField, CsvLayout, JsonLayout, PackedLayout, Stamp
 from edge_agent.settings import ConditionSettings
 from slowtime.signals.block import Block
 from slowtime_schemas.streams import SAMPLES
@@ -176,7 +176,7 @@ def test_a_frame_that_states_gigabytes_is_no_frame(samples):
 
 
 def test_many_parts_of_one_message_are_joined_once():
-    layout = JsonLayout(channels=CHANNELS[:1], counter=Counter(at="n", counts="messages"))
+    layout = JsonLayout(channels=CHANNELS[:1], counter=CounterField(at="n", counts="messages"))
     data = json.dumps([{"n": 1, "x": i} for i in range(20_000)]).encode()
     decode = bounded(decoder_of(layout), layout)
     with steps_in(FOLDER) as steps:
@@ -188,7 +188,7 @@ def test_many_parts_of_one_message_are_joined_once():
 @pytest.mark.parametrize("counter", [2**40, 2**62, 2**63, 2**64 - 1])
 def test_a_counter_that_jumps_makes_neither_rows_nor_losses_of_all_between(counter):
     tally = SampleCounts()
-    positions = ByCounter(Counter(bits=64), 100.0, 25, tally)
+    positions = ByCounter(CounterField(bits=64), 100.0, 25, tally)
     assembler = Assembler(((0,),), 50, 25, tally)
 
     def jump():
@@ -208,7 +208,7 @@ def test_a_counter_that_jumps_makes_neither_rows_nor_losses_of_all_between(count
 
 def test_a_lane_whose_counter_is_far_from_that_of_another_does_not_displace_it():
     tally = SampleCounts()
-    one, other = (ByCounter(Counter(bits=64), 100.0, 25, tally) for _ in range(2))
+    one, other = (ByCounter(CounterField(bits=64), 100.0, 25, tally) for _ in range(2))
     for n in range(50):
         one.place(Batch(np.zeros((1, 1)), NOW_NS + n * 10**7, n))
     strange = Batch(np.zeros((1, 1)), NOW_NS + 50 * 10**7, 2**62, lane=1)
@@ -229,7 +229,7 @@ def test_a_clock_set_back_holds_nothing_back():
     """Samples wait for times that are years away; memory would grow for as long."""
     for positions in (
         ByArrival(100.0, SampleCounts()),
-        ByCounter(Counter(bits=8), 100.0, 25, SampleCounts()),
+        ByCounter(CounterField(bits=8), 100.0, 25, SampleCounts()),
     ):
         placed = 0
         for n in range(400):
@@ -249,7 +249,7 @@ def test_a_backlog_ends_though_the_clock_is_set_back_meanwhile():
 
 
 def test_a_gap_at_a_high_rate_is_not_filled_beyond_what_is_bridged():
-    condition = Condition(ConditionSettings(max_gap_s=10.0))
+    condition = Conditioner(ConditionSettings(max_gap_s=10.0))
     state = condition.start()
 
     def step():

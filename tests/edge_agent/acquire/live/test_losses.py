@@ -12,7 +12,7 @@ from edge_agent.acquire.live.counts import SampleCounts
 from edge_agent.acquire.live.indexing.assembly import Assembler
 from edge_agent.acquire.live.indexing.counters import ByCounter
 from edge_agent.acquire.live.indexing.positions import ByArrival, ByStamp
-from edge_agent.layouts import Counter, Stamp
+from edge_agent.layouts import CounterField, Stamp
 
 from .devices import START_NS, device
 
@@ -41,7 +41,7 @@ def assembled(sent, positions, tally):
 def positions_of(kind, tally):
     if kind == "stamp":
         return ByStamp(Stamp(), RATE_HZ, HORIZON, tally)
-    return ByCounter(Counter(bits=int(kind)), RATE_HZ, HORIZON, tally)
+    return ByCounter(CounterField(bits=int(kind)), RATE_HZ, HORIZON, tally)
 
 
 def hold_to_account(kind, seed, samples, *, stalls=0):

@@ -21,7 +21,7 @@ from slowtime.discrepancy.estimation.input_hold import (
 )
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.records import Trial
-from slowtime.discrepancy.selection.acceptance import Terms, accept
+from slowtime.discrepancy.selection.acceptance import Criteria, accept
 from slowtime.dynamics.builders import chain
 from slowtime.dynamics.description import Input, Sensor, Tolerance
 from slowtime.dynamics.effects import Effect, Place, catalogue
@@ -188,7 +188,7 @@ def test_another_hold_is_suggested_before_an_effect_that_brings_no_more(straight
     found = Hypothesis((wrong,), trials)
 
     def step(**more):
-        terms = Terms(stated=(None,), pulled=False, **({"asked": ()} | more))
+        terms = Criteria(stated=(None,), pulled=False, **({"asked": ()} | more))
         return accept(found, wrong, [fitted], trials, kinds, terms)
 
     held = step()

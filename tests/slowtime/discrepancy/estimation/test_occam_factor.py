@@ -18,7 +18,7 @@ from slowtime.discrepancy.estimation.occam_factor import (
 )
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.records import Trial
-from slowtime.discrepancy.selection.acceptance import Terms, accept
+from slowtime.discrepancy.selection.acceptance import Criteria, accept
 from slowtime.discrepancy.selection.probabilities import shares_of
 from slowtime.dynamics.effects import Effect, catalogue
 from slowtime.dynamics.plant import Plant
@@ -150,7 +150,7 @@ def test_a_constant_that_is_off_with_every_law_speaks_for_none():
     values, at = fit.values.copy(), fit.prior.names.index(("damping", "k1"))
     values[fit.prior.index[at]] = fit.prior.mean[at]
     other = dataclasses.replace(one, fit=dataclasses.replace(fit, values=values))
-    terms = Terms(stated=None, pulled=False)
+    terms = Criteria(stated=None, pulled=False)
     step = accept(Hypothesis((before,), trials), before, [one, other], trials, KINDS, terms)
     assert step.hypothesis.effects[0].probability == pytest.approx(0.5, abs=0.02)
 
@@ -162,7 +162,7 @@ def test_the_likeliest_law_is_accepted_though_another_has_fewer_parameters():
     fit = refit(plant, trials, noise=one.fit.noise)
     less = FittedCandidate(simpler, plant.description, fit, one.score + 0.5)
     before = refit(Plant.of(ONE), trials)
-    terms = Terms(stated=None, pulled=True)
+    terms = Criteria(stated=None, pulled=True)
     found = accept(
         Hypothesis((before,), trials), before, [less, one], trials, KINDS, terms
     ).hypothesis

@@ -13,7 +13,7 @@ from slowtime.discrepancy.estimation.model_evidence import rescored
 from slowtime.discrepancy.estimation.shooting_fit import in_pieces, shooting_fits
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.records import Trial
-from slowtime.discrepancy.selection.acceptance import Terms, accept
+from slowtime.discrepancy.selection.acceptance import Criteria, accept
 from slowtime.dynamics.effects import Effect, catalogue
 from slowtime.dynamics.plant import Plant
 from slowtime.dynamics.work import metered
@@ -96,7 +96,7 @@ def test_records_stay_whole_unless_a_law_of_their_segments_is_accepted(before, t
     # Where it explains no more than it costs, it is not taken.
     near = short if taken else dataclasses.replace(short, cost=1e9)
     named = dataclasses.replace(whole, fit=astray, shot=near)
-    terms = Terms(stated=None, pulled=False)
+    terms = Criteria(stated=None, pulled=False)
     step = accept(Hypothesis((before,), trials), before, [named], trials, KINDS, terms)
     found = step.hypothesis
     assert step.added == taken

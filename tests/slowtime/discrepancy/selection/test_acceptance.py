@@ -18,7 +18,7 @@ from slowtime.discrepancy.search.next_effect import accept_best
 from slowtime.discrepancy.selection.acceptance import (
     MAX_SECOND_REST,
     MIN_NESTED_GAIN,
-    Terms,
+    Criteria,
     accept,
     end_with,
 )
@@ -29,7 +29,7 @@ from tests.slowtime.discrepancy.protocol import fit_effect, named_effect
 from tests.slowtime.discrepancy.two_mass_chain import CUBIC, FIRST, SECOND, TWO, records_of
 
 KINDS = catalogue()
-PLAIN = Terms(stated=None, pulled=False)
+PLAIN = Criteria(stated=None, pulled=False)
 LOSS = Effect("stiffness_loss", SECOND, {"dk_n_per_m": 250.0})
 HARD, LEVEL, SKEW = (
     Effect("cubic_hardening", SECOND, {"k3_n_per_m3": 2e4}),
@@ -123,7 +123,7 @@ def test_an_effect_without_a_law_ends_the_search(hardened):
 def test_a_constant_far_off_is_accepted_beside_a_law_that_leaves_something_there(lossy):
     found, loss = lossy
     loud = dataclasses.replace(loss, fit=dataclasses.replace(loss.fit, chi2_in_band=2.0))
-    terms = Terms(stated=None, pulled=bool(moved_of(found.last)), same_place=True)
+    terms = Criteria(stated=None, pulled=bool(moved_of(found.last)), same_place=True)
     assert accept(found, found.last, [loud], found.trials, KINDS, terms).added == 1
 
 
@@ -140,7 +140,7 @@ def test_a_constant_is_refused_beside_a_rival_that_needs_it_no_more(lossy, off):
     fit = dataclasses.replace(loss.fit, plant=carried.plant, values=values,
                               prior=carried.prior, covariance=carried.covariance)  # fmt: skip
     rival = FittedCandidate(drag, carried.plant.description, fit, loss.score)
-    terms = Terms(stated=None, pulled=True)
+    terms = Criteria(stated=None, pulled=True)
     step = accept(found, before, [loss, rival], trials, KINDS, terms)
     # A rival that leaves the constant as far off is no other answer.
     assert step.added == off
@@ -156,7 +156,7 @@ def accept_beside_hardening(white, effect, first_chi2, last_chi2, left):
     carried = carry_effect(last, effect, KINDS)
     best = dataclasses.replace(carried, chi2_in_band=left, cost=-1e6)
     offered = FittedCandidate(effect, carried.plant.description, best, 1e6)
-    terms = Terms(stated=None, pulled=False, same_place=True)
+    terms = Criteria(stated=None, pulled=False, same_place=True)
     return accept(found, last, [offered], trials, KINDS, terms).added == 1
 
 
@@ -182,7 +182,7 @@ def test_out_of_budget_a_candidate_is_compared_with_the_last_fit_as_it_is(lossy)
     found, loss = lossy
 
     def accepted(over):
-        terms = Terms(stated=(), pulled=True, asked=(), over=over)
+        terms = Criteria(stated=(), pulled=True, asked=(), over=over)
         return accept(found, found.last, [loss], found.trials, KINDS, terms).hypothesis
 
     in_time, late = accepted(bool), accepted(lambda: True)
@@ -274,7 +274,7 @@ def test_no_hold_of_the_inputs_is_suggested_by_segments(hardened):
     whole = refit(fitted.fit.plant, cut, values=fitted.fit.values, horizons=(1.0,))
     law = dataclasses.replace(fitted, fit=whole)
     before = refit(first.plant, cut, values=first.values, horizons=(1.0,))
-    terms = Terms(stated=(None,), pulled=False, asked=())
+    terms = Criteria(stated=(None,), pulled=False, asked=())
     step = accept(Hypothesis((first,), cut), before, [law], cut, KINDS, terms)
     assert step.added == 1
     assert step.hypothesis.holds is None

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from slowtime.history_diagnosis.laws.catalogue import CandidateLaw
+from slowtime.history_diagnosis.laws.catalogue import HistoryLaw
 from slowtime.history_diagnosis.selection import forward_selection
 
 
@@ -29,7 +29,7 @@ def test_the_prior_of_a_law_does_not_depend_on_how_words_are_hashed(monkeypatch)
         weights = dict(zip(families, (0.1, 0.1, 1.0), strict=True))
         monkeypatch.setattr(forward_selection, "_FAMILY_WEIGHTS", weights)
         laws = tuple(
-            CandidateLaw(
+            HistoryLaw(
                 name=str(family),
                 family=family,
                 variant="",

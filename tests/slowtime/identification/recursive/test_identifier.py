@@ -14,7 +14,7 @@ from slowtime.identification.automatic.estimation import identify_modes
 from slowtime.identification.mode_shapes.criteria import mac
 from slowtime.identification.recursive import RecursiveModes
 from slowtime.identification.recursive.forgetting import FrequencyGrid
-from slowtime.identification.recursive.frames import Frame
+from slowtime.identification.recursive.frames import BinRange
 from slowtime.identification.recursive.product_sums import MOST, ProductSum, ProductSums
 from slowtime.identification.subspace.correlations import block_products
 
@@ -251,7 +251,7 @@ def test_neither_memory_nor_the_work_of_a_block_grows_with_the_stream():
 
 
 def test_a_frame_moves_its_band_to_zero_without_seams():
-    frame = Frame.of(RECURSIVE.bands[1], RATE)
+    frame = BinRange.of(RECURSIVE.bands[1], RATE)
     tone = 2.3
     times = np.arange(20 * frame.hop) / RATE
     wave = np.cos(2 * np.pi * tone * times)[:, None]
@@ -269,7 +269,7 @@ def test_a_frame_moves_its_band_to_zero_without_seams():
 
 
 def test_a_window_that_fades_adds_just_its_decay_to_a_mode():
-    raster = FrequencyGrid(Frame.of(RECURSIVE.bands[1], RATE))
+    raster = FrequencyGrid(BinRange.of(RECURSIVE.bands[1], RATE))
     rate = raster.frame.rate_hz
     into = np.ones((1, 1), dtype=complex)
     rng = np.random.default_rng(3)

@@ -5,14 +5,14 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Matern
 
 from slowtime.surrogate import GaussianProcess, HybridExpansion, homotopy
-from slowtime.surrogate.bases import Basis, indices
+from slowtime.surrogate.bases import PolynomialBasis, indices
 from slowtime.surrogate.gaussian_processes.covariances import (
     Expanded,
     Stationary,
-    Sum,
+    SumCovariance,
     covariance,
 )
-from slowtime.surrogate.gaussian_processes.regression import Readings, condition
+from slowtime.surrogate.gaussian_processes.regression import RegressionData, condition
 from slowtime.surrogate.problems import PROBLEMS
 
 NAMES = [
@@ -30,20 +30,26 @@ def readings(points=25, columns=1, seed=0, noise=0.05):
     x = rng.uniform(size=(points, 2))
     y = np.sin(5.0 * x[:, 0]) + x[:, 1] ** 2
     trend = np.column_stack([np.ones(points), x])[:, :columns]
-    return Readings(x, trend, y, rng.uniform(0.5, 1.5, points) * noise**2)
+    return RegressionData(x, trend, y, rng.uniform(0.5, 1.5, points) * noise**2)
 
 
 def expanded():
     problem = PROBLEMS["Ishigami"]
     terms = indices(2, 4)[1:]
     laws = [problem.marginals[0]] * 2
-    return Expanded(terms, Basis(laws, terms, np.full(2, -np.pi), np.full(2, 2.0 * np.pi)))
+    return Expanded(
+        terms, PolynomialBasis(laws, terms, np.full(2, -np.pi), np.full(2, 2.0 * np.pi))
+    )
 
 
 @pytest.mark.parametrize("columns", [0, 1, 3])
 @pytest.mark.parametrize("name", [*NAMES, "expanded"])
 def test_slopes_of_the_likelihood_are_its_differences(name, columns):
-    kind = Sum((expanded(), covariance("matern52"))) if name == "expanded" else covariance(name)
+    kind = (
+        SumCovariance((expanded(), covariance("matern52")))
+        if name == "expanded"
+        else covariance(name)
+    )
     data = readings(columns=columns)
 
     def value(theta):
@@ -108,7 +114,7 @@ def test_leaving_one_out_is_what_it_says():
     error, sd = condition(Stationary(), theta, 0.02, data).left_out()
     for i in (0, 7):
         rest = np.arange(25) != i
-        part = Readings(data.x[rest], data.trend[rest], data.y[rest], data.variance[rest])
+        part = RegressionData(data.x[rest], data.trend[rest], data.y[rest], data.variance[rest])
         mean, variance = condition(Stationary(), theta, 0.02, part).predict(
             data.x[[i]], data.trend[[i]]
         )
@@ -161,12 +167,12 @@ def test_its_trend_and_its_residual_make_the_prediction():
     x, y = problem.design(60, np.random.default_rng(0))
     surrogate = HybridExpansion(degree=4, nugget=1e-3, starts=1, folds=1).fit(x, y)
     unit = surrogate._unit(x)
-    design = Basis(
+    design = PolynomialBasis(
         surrogate.marginals_, surrogate.terms_, surrogate.domain_.lo, surrogate._width()
     )(unit)
     trend = surrogate.constant_ + design @ surrogate.coefficients_
     whole = surrogate.process_.covariance
-    assert isinstance(whole, Sum)
+    assert isinstance(whole, SumCovariance)
     stationary = whole.parts[1]
     theta = surrogate.process_.theta[-len(stationary.ranges(3)) :]
     residual = stationary.between(theta, unit, unit) @ surrogate.process_.weights

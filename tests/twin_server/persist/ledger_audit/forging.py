@@ -9,7 +9,7 @@ from slowtime_services.credentials import Signer
 from slowtime_services.ledger import Head
 from tests.twin_server.persist.tables.test_levels import cut_of, states_of
 from twin_server.events.asset_events import AssetEventRow
-from twin_server.events.deliveries import Acknowledgement, Delivery
+from twin_server.events.deliveries import AlarmAcknowledgement, Delivery
 from twin_server.persist import (
     CompositeRow,
     DetailRow,
@@ -23,7 +23,7 @@ from twin_server.persist import (
     WriteBatch,
     is_url,
 )
-from twin_server.persist.tables.checksums import TABLES, Table
+from twin_server.persist.tables.checksums import TABLES, SqlTable
 from twin_server.persist.tables.quarantine import AsideRow
 from twin_server.pipeline.ingestion.ledger_signer import LedgerSigner
 from twin_server.settings import LedgerSettings
@@ -110,7 +110,7 @@ def _write_turn(store, turn, *, behind=False):
         if turn:
             cut.settled = [_delivery(f"{twin}-0-0@ops", twin, t_ns, "delivered", turn)]
         cut.acknowledgements = [
-            Acknowledgement(f"{name}-{k}", twin, t_ns, "ann", "ann", f"seen {k}")
+            AlarmAcknowledgement(f"{name}-{k}", twin, t_ns, "ann", "ann", f"seen {k}")
             for k in range(2)
         ]
         cut.asset_events = [
@@ -162,7 +162,7 @@ KEYS = {
 """Columns of the key, where they are not those of the order."""
 
 
-def keys_of(table: Table) -> list[str]:
+def keys_of(table: SqlTable) -> list[str]:
     return KEYS.get(table.name, table.key.replace(",", "")).split()
 
 

@@ -17,7 +17,7 @@ from slowtime_services.clock import HandClock
 from slowtime_services.credentials import Signer
 from slowtime_services.ledger import Head
 from tests.twin_server.persist.tables.test_levels import cut_of, states_of
-from twin_server.events.deliveries import Acknowledgement
+from twin_server.events.deliveries import AlarmAcknowledgement
 from twin_server.history.states import LAYOUT, from_bytes
 from twin_server.persist import EventRow, SqliteStore, WriteBatch, WrongStoreError, audit_file
 from twin_server.persist.layout import APPLICATION, VERSION, build_levels
@@ -170,7 +170,7 @@ def test_readings_that_come_late_after_the_upgrade_are_no_forgery(old):
         store.write(cut_of(1, states_of(np.arange(24, 26))))
         store.write(
             WriteBatch(
-                acknowledgements=[Acknowledgement("e9", "lab.beam", 9, "ann", "ann", "")]
+                acknowledgements=[AlarmAcknowledgement("e9", "lab.beam", 9, "ann", "ann", "")]
             )
         )
     assert checked(path, kept).wrong == []

@@ -2,7 +2,7 @@
 
 import pytest
 
-from twin_server.events.deliveries import Acknowledgement, Delivery
+from twin_server.events.deliveries import AlarmAcknowledgement, Delivery
 from twin_server.persist import EventRow, StoreError, WriteBatch
 
 EVENT = EventRow(0, "lab", "beam", 5, None, False, "{}")
@@ -65,7 +65,7 @@ def test_what_is_settled_of_a_twin_that_has_gone_is_not_kept(store):
 
 
 def test_the_first_acknowledgement_stays(store):
-    first = Acknowledgement("a", "lab.beam", 5, "Ann", "ann", "seen")
+    first = AlarmAcknowledgement("a", "lab.beam", 5, "Ann", "ann", "seen")
     store.write(WriteBatch(acknowledgements=[first]))
     store.write(WriteBatch(acknowledgements=[first._replace(by="Bob")]))
     assert store.acknowledgements("lab.beam") == {"a": first}

@@ -11,7 +11,7 @@ from twin_server import estimate as estimators
 from twin_server.estimate import Checkpoint, Twin, estimate
 from twin_server.history.states import SET_ASIDE
 from twin_server.pipeline.progress import (
-    Batch,
+    EstimateBatch,
     OverBudgetError,
     Phase,
     Progress,
@@ -85,7 +85,7 @@ def batch_of(ageing, registration=None):
     features = [
         m for pair in zip(ageing(30), ageing(30, asset="bad"), strict=True) for m in pair
     ]
-    return Batch([twin, twin], features, [0, 1] * 30, [0] * 60, [0.0] * 60)
+    return EstimateBatch([twin, twin], features, [0, 1] * 30, [0] * 60, [0.0] * 60)
 
 
 @pytest.mark.parametrize("how", ["spins", "raises"])

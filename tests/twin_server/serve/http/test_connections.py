@@ -10,7 +10,7 @@ import time
 import pytest
 import uvicorn
 
-from twin_server.serve.http.connections import Connections, Limits
+from twin_server.serve.http.connections import ConnectionLimits, Connections
 
 PATIENCE_S = 60.0
 LARGE = 24 * 2**20
@@ -95,7 +95,7 @@ def everything(one):
 
 @pytest.mark.parametrize("said", [b"", b"GET / HTTP/1.1\r\nHost: x\r\nX-"])
 def test_many_half_open_connections_of_one_address_leave_room_for_others(said):
-    limits = Limits(head_s=600.0, most=50, most_of_one=30)
+    limits = ConnectionLimits(head_s=600.0, most=50, most_of_one=30)
     with Small(limits) as small, contextlib.ExitStack() as opened:
         crowd = [opened.enter_context(small.open(said)) for _ in range(120)]
         for source in ("127.0.0.2", "127.0.0.1", "127.0.0.3"):
@@ -107,7 +107,10 @@ def test_many_half_open_connections_of_one_address_leave_room_for_others(said):
 
 
 def test_one_address_that_is_being_answered_everywhere_is_told_so_and_others_are_served():
-    with Small(Limits(most=50, most_of_one=5)) as small, contextlib.ExitStack() as opened:
+    with (
+        Small(ConnectionLimits(most=50, most_of_one=5)) as small,
+        contextlib.ExitStack() as opened,
+    ):
         asked = b"GET /slow HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n"
         busy = [opened.enter_context(small.open(asked)) for _ in range(5)]
         for _ in busy:
@@ -123,7 +126,7 @@ def test_one_address_that_is_being_answered_everywhere_is_told_so_and_others_are
 
 
 def test_a_head_that_never_ends_is_cut_off():
-    with Small(Limits(head_s=0.3)) as small:
+    with Small(ConnectionLimits(head_s=0.3)) as small:
         with small.open(b"GET / HTTP/1.1\r\nHost:") as one:
             told = everything(one)
             assert told.startswith(b"HTTP/1.1 408")
@@ -145,7 +148,7 @@ def test_a_head_that_never_ends_is_cut_off():
 
 @pytest.mark.parametrize("length", [b"Content-Length: 100000", b"Transfer-Encoding: chunked"])
 def test_a_trickled_body_is_cut_off_and_stops_nobody_else(length):
-    limits = Limits(body_s=0.2, slowest_bytes_per_s=1e5)
+    limits = ConnectionLimits(body_s=0.2, slowest_bytes_per_s=1e5)
     with Small(limits) as small:
         with small.open(b"POST / HTTP/1.1\r\nHost: x\r\n" + length + b"\r\n\r\n") as one:
             assert small.ask().startswith(b"HTTP/1.1 200")
@@ -157,7 +160,7 @@ def test_a_trickled_body_is_cut_off_and_stops_nobody_else(length):
 
 
 def test_a_body_that_takes_too_long_in_all_is_cut_off():
-    limits = Limits(body_s=600.0, upload_s=0.2)
+    limits = ConnectionLimits(body_s=600.0, upload_s=0.2)
     with (
         Small(limits) as small,
         small.open(b"POST / HTTP/1.1\r\nHost: x\r\nContent-Length: 9\r\n\r\nabc") as one,
@@ -166,7 +169,7 @@ def test_a_body_that_takes_too_long_in_all_is_cut_off():
 
 
 def test_who_takes_no_answer_is_cut_off():
-    limits = Limits(body_s=0.5, slowest_bytes_per_s=1e5)
+    limits = ConnectionLimits(body_s=0.5, slowest_bytes_per_s=1e5)
     with Small(limits) as small:
         with small.open(b"GET /large HTTP/1.1\r\nHost: x\r\n\r\n") as one:
             small.until(lambda: small.connections.counts["answer_not_taken"] == 1)
@@ -176,7 +179,7 @@ def test_who_takes_no_answer_is_cut_off():
 
 def test_a_body_that_is_waited_for_by_the_server_is_not_slow():
     """What the application does not read yet is not held against the client."""
-    limits = Limits(body_s=0.1, slowest_bytes_per_s=1e7)
+    limits = ConnectionLimits(body_s=0.1, slowest_bytes_per_s=1e7)
     body = b"x" * 400_000
     with Small(limits) as small:
         head = (

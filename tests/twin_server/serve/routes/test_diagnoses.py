@@ -2,11 +2,11 @@
 
 import pytest
 
+from slowtime_schemas.answers.diagnoses import DiagnosisModel, GapModel
 from slowtime_schemas.codec import encode
 from slowtime_schemas.streams import FEATURES
 from slowtime_services.record import RecordingWriter
 from twin_server.persist import DiagnosisRow, SqliteStore
-from twin_server.serve.models.diagnoses import DiagnosisModel, GapModel
 from twin_server.settings import DiagnoseSettings, GapSettings
 
 ENTERS, LEAVES = 1_000, 2_000

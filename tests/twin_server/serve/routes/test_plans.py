@@ -7,8 +7,8 @@ from click.testing import CliRunner
 from playwright.sync_api import expect
 
 from slowtime_cli.__main__ import app
+from slowtime_schemas.answers.plans import FleetPlanModel, PlanModel
 from slowtime_services.client import Client
-from twin_server.serve.models.plans import FleetPlanModel, PlanModel
 
 TWIN = "/api/v1/twins/lab.beam"
 COSTS = {

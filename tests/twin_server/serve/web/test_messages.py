@@ -8,19 +8,17 @@ from typing import get_args
 
 import pytest
 
+from slowtime_schemas.answers.composites import CompositeKind
+from slowtime_schemas.answers.diagnoses import DiagnosisState, GapState
+from slowtime_schemas.answers.plans import Now
+from slowtime_schemas.answers.twins import ConclusionAnswer, FindingKind
 from slowtime_schemas.asset_events import AssetEventKind
 from slowtime_schemas.files.diagnosis import Where
 from slowtime_services.reports import VIEWER
 from tests.twin_server.serve.web.javascript import arguments, literals
 from twin_server.fairness import HeldKind
 from twin_server.orders import Clock
-from twin_server.orders import State as JobState
-from twin_server.pipeline.monitoring.gap import State as GapState
 from twin_server.registration.costs import TimeUnit
-from twin_server.serve.composites.models import Kind
-from twin_server.serve.conclusion import Answer
-from twin_server.serve.conclusion import Kind as FindingKind
-from twin_server.serve.models.plans import Now
 from twin_server.serve.routes.page import MESSAGES, WEB, languages_of
 
 SOURCES = {path.name: path.read_text(encoding="utf-8") for path in sorted(WEB.glob("*.js"))}
@@ -56,12 +54,12 @@ NO_WORDS = {
 """Literals that look like words and are none that a reader sees."""
 
 ENUMERATED = {
-    "composites.kind": get_args(Kind),
-    "conclusion": get_args(Answer),
+    "composites.kind": get_args(CompositeKind),
+    "conclusion": get_args(ConclusionAnswer),
     "diagnosis.clock": get_args(Clock),
     "finding": get_args(FindingKind),
     "gap": set(get_args(GapState)) - {"off"},
-    "job": get_args(JobState),
+    "job": get_args(DiagnosisState),
     "mark.told": get_args(AssetEventKind),
     "plan.act": get_args(Now),
     "next": get_args(FindingKind),

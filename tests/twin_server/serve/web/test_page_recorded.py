@@ -62,7 +62,7 @@ def test_a_question_is_answered_by_recording_the_repair(house, visit, eventually
     expect(question).to_have_count(0)
     (told,) = Client(house.url).recorded_events("lab.beam").events
     assert told.repair is not None
-    assert (told.slow_time, told.repair["restored_share"]) == (AT - 1.0, 0.9)
+    assert (told.slow_time, told.repair.restored_share) == (AT - 1.0, 0.9)
     # The jump is explained: its mark is that of the repair.
     assert eventually(lambda: marks(page) == ([AT - 1.0], ["repair"]))
     expect(page.locator('#legend [data-key="told"]')).to_be_visible()
@@ -92,7 +92,7 @@ def test_an_inspection_is_recorded_after_the_latest_reading(house, visit):
     (told,) = Client(house.url).recorded_events("lab.beam").events
     assert told.slow_time == AT + 5.0
     assert told.detection is not None
-    assert told.detection["probability_of_detection"]["a50"] == pytest.approx(0.08)
+    assert told.detection.probability_of_detection.a50 == pytest.approx(0.08)
     page.get_by_role("button", name="Record a repair or inspection").press("Enter")
     page.keyboard.press("Escape")
     expect(form).to_have_count(0)

@@ -13,7 +13,7 @@ from edge_agent.acquire.live.formats.framing import framer_of
 from edge_agent.acquire.live.formats.packed import checksum
 from edge_agent.acquire.live.indexing.assembly import Assembler
 from edge_agent.acquire.live.indexing.counters import ByCounter
-from edge_agent.layouts import Counter, CsvLayout, JsonLayout, PackedLayout
+from edge_agent.layouts import CounterField, CsvLayout, JsonLayout, PackedLayout
 
 CHANNELS = [{"name": name} for name in "xyz"]
 
@@ -141,7 +141,7 @@ def test_rows_that_have_one_counter_of_messages_are_one_batch(layout, message):
 
 
 def test_no_sample_of_lines_with_a_counter_of_messages_is_overwritten():
-    counter = Counter(at=0, counts="messages")
+    counter = CounterField(at=0, counts="messages")
     layout = CsvLayout(channels=[{"name": "x"}], counter=counter)
     decode, tally = decoder_of(layout), SampleCounts()
     positions = ByCounter(counter, 100.0, 25, tally)

@@ -17,13 +17,13 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from paho.mqtt.enums import CallbackAPIVersion
 
 from edge_agent.inputs import LiveInput
-from edge_agent.layouts import Channel, Counter, JsonLayout
+from edge_agent.layouts import Channel, CounterField, JsonLayout
 from tests.edge_agent.acquire.live.listening import opened
 
 pytestmark = pytest.mark.system
 TOPICS = JsonLayout(
     channels=tuple(Channel(name=n, at="v", topic=f"rig/{n}") for n in "xy"),
-    counter=Counter(at="n"),
+    counter=CounterField(at="n"),
 )
 
 

@@ -1,8 +1,10 @@
 """Answers about maintenance plans."""
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, Field
+from pydantic import ConfigDict, Field
+
+from .base import Extensible, RestAnswer
 
 PLAN_EXAMPLE: dict[str, Any] = {
     "id": "demo.tower",
@@ -92,7 +94,7 @@ PLAN_EXAMPLE: dict[str, Any] = {
 Now = Literal["repair", "inspect", "close", "wait", "undecided"]
 
 
-class PlanTime(BaseModel):
+class PlanTime(RestAnswer):
     """A time of a plan."""
 
     ahead: float = Field(description="From the last reading, in `time_unit`.")
@@ -100,7 +102,7 @@ class PlanTime(BaseModel):
     t: str | None = Field(description="RFC 3339; null where the calendar is not known.")
 
 
-class PlanFailure(BaseModel):
+class PlanFailure(RestAnswer):
     """The definition of failure, and its probability without a repair."""
 
     quantity: str
@@ -110,7 +112,7 @@ class PlanFailure(BaseModel):
     within: float = Field(description="Probability of a failure within the horizon.")
 
 
-class PlanCost(BaseModel):
+class PlanCost(RestAnswer):
     """Expected cost, and its 5 and 95 % quantiles over futures."""
 
     value: float
@@ -118,7 +120,7 @@ class PlanCost(BaseModel):
     hi: float
 
 
-class PlanOption(BaseModel):
+class PlanOption(RestAnswer):
     """Something that may be done."""
 
     name: str = Field(
@@ -126,24 +128,24 @@ class PlanOption(BaseModel):
         "periodic_inspection, repair_now, repair_at, inspect_now, inspect_at, read_on or close."
     )
     words: str
-    now: Now = Field(description="What it does at once.")
+    now: Annotated[Now, Extensible] = Field(description="What it does at once.")
     cost: PlanCost
     failures: float = Field(description="Expected discounted number of failures.")
     parameters: dict[str, float] = Field(
         description="Times from now in `time_unit`: `order` of a repair, and `at`, when it "
         "takes effect; damage as a share of that at failure."
     )
-    repair: list[PlanTime | None] | None = Field(
+    repair: tuple[PlanTime | None, ...] | None = Field(
         description="By when 5, 50 and 95 % of the futures have been repaired; null beyond the "
         "horizon, or where it hangs on an inspection."
     )
-    curve: list[float] = Field(description="Expected cost until each of `times`.")
+    curve: tuple[float, ...] = Field(description="Expected cost until each of `times`.")
 
 
-class PlanLastOrder(BaseModel):
+class PlanLastOrder(RestAnswer):
     """The last order of a repair that is in time."""
 
-    status: Literal["due", "passed", "beyond"] = Field(
+    status: Annotated[Literal["due", "passed", "beyond"], Extensible] = Field(
         description="due: to come; passed: before the last reading; beyond: none is needed "
         "within the horizon."
     )
@@ -154,7 +156,7 @@ class PlanLastOrder(BaseModel):
     probability: float = Field(
         description="Of a failure before that effect; if beyond, within the horizon."
     )
-    by: Literal["probability", "cost"] = Field(
+    by: Annotated[Literal["probability", "cost"], Extensible] = Field(
         description="probability: the last order by which that of a failure is accepted; cost: "
         "the last before the expected cost rises."
     )
@@ -165,7 +167,7 @@ class PlanLastOrder(BaseModel):
     sentence: str
 
 
-class PlanDifference(BaseModel):
+class PlanDifference(RestAnswer):
     """The best option against the best of those that do something else now."""
 
     best: str
@@ -175,7 +177,7 @@ class PlanDifference(BaseModel):
     hi: float
 
 
-class PlanBreakEven(BaseModel):
+class PlanBreakEven(RestAnswer):
     """At which cost of one item both options of `difference` cost the same."""
 
     item: str
@@ -183,11 +185,11 @@ class PlanBreakEven(BaseModel):
     at: float
 
 
-class PlanInformation(BaseModel):
+class PlanInformation(RestAnswer):
     """The value of an observation before it is made."""
 
     name: str
-    kind: Literal["inspection", "detection", "readings"]
+    kind: Annotated[Literal["inspection", "detection", "readings"], Extensible]
     at: PlanTime
     count: int
     cost: float
@@ -202,10 +204,10 @@ class PlanInformation(BaseModel):
     words: str
 
 
-class PlanModel(BaseModel):
+class PlanModel(RestAnswer):
     """Recommended action for a twin's structure: date, reasons, and what would change it."""
 
-    model_config = {"json_schema_extra": {"examples": [PLAN_EXAMPLE]}}
+    model_config = ConfigDict(json_schema_extra={"examples": [PLAN_EXAMPLE]})
 
     id: str
     since: float | None = Field(description="Slow time of the last reading.")
@@ -219,23 +221,25 @@ class PlanModel(BaseModel):
     )
     horizon: PlanTime | None
     failure: PlanFailure | None
-    action: Now | None
+    action: Annotated[Now, Extensible] | None
     decided: bool
     sentence: str
     last_order: PlanLastOrder | None = None
-    changes: list[str]
-    options: list[PlanOption] = Field(description="The cheapest first.")
-    times: list[PlanTime]
-    repair_cost: list[float] = Field(
+    changes: tuple[str, ...]
+    options: tuple[PlanOption, ...] = Field(description="The cheapest first.")
+    times: tuple[PlanTime, ...]
+    repair_cost: tuple[float, ...] = Field(
         description="Expected cost of a repair at each of `times`."
     )
-    failure_probability: list[float]
+    failure_probability: tuple[float, ...]
     difference: PlanDifference | None
-    break_even: list[PlanBreakEven]
-    information: list[PlanInformation] = Field(description="Of largest net value first.")
-    inspections: list[PlanInformation] = Field(description="An inspection at several times.")
+    break_even: tuple[PlanBreakEven, ...]
+    information: tuple[PlanInformation, ...] = Field(description="Of largest net value first.")
+    inspections: tuple[PlanInformation, ...] = Field(
+        description="An inspection at several times."
+    )
     valid: bool
-    reasons: list[str]
+    reasons: tuple[str, ...]
 
 
 FLEET_EXAMPLE: dict[str, Any] = {
@@ -260,11 +264,11 @@ FLEET_EXAMPLE: dict[str, Any] = {
 }
 
 
-class FleetAsset(BaseModel):
+class FleetAsset(RestAnswer):
     """One twin of a fleet's plan."""
 
     id: str
-    action: Now | None
+    action: Annotated[Now, Extensible] | None
     sentence: str
     inspection: str | None
     at: PlanTime | None
@@ -275,24 +279,24 @@ class FleetAsset(BaseModel):
     visit: bool = Field(description="Whether a team is sent.")
 
 
-class FleetWithout(BaseModel):
+class FleetWithout(RestAnswer):
     """A twin that is not ranked, and why."""
 
     id: str
     reason: str
 
 
-class FleetPlanModel(BaseModel):
+class FleetPlanModel(RestAnswer):
     """Where the inspection teams go within a window."""
 
-    model_config = {"json_schema_extra": {"examples": [FLEET_EXAMPLE]}}
+    model_config = ConfigDict(json_schema_extra={"examples": [FLEET_EXAMPLE]})
 
     window_d: float
     visits: int
     budget: float | None
     currency: str | None
     sentence: str
-    assets: list[FleetAsset] = Field(
+    assets: tuple[FleetAsset, ...] = Field(
         description="Those to be visited first, then those to be repaired, then by net value."
     )
-    without: list[FleetWithout]
+    without: tuple[FleetWithout, ...]

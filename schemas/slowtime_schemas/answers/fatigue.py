@@ -2,11 +2,12 @@
 
 from typing import Any, Literal
 
-from pydantic import BaseModel
+from pydantic import ConfigDict
 
 from slowtime_schemas.quantities import Estimate
 
-_LOST = {"value": -0.08, "sd": 0.01, "lo": -0.0994, "hi": -0.0603}
+from .base import RestAnswer
+
 FATIGUE_EXAMPLE: dict[str, Any] = {
     "id": "demo.tower",
     "points": [
@@ -63,7 +64,7 @@ VIRTUAL_EXAMPLE: dict[str, Any] = {
 }
 
 
-class DamageMoment(BaseModel):
+class DamageMoment(RestAnswer):
     """Miner's sum at one time, with its 95 % interval, and seconds counted by then."""
 
     t_ns: int
@@ -73,7 +74,7 @@ class DamageMoment(BaseModel):
     seconds: float
 
 
-class FatiguePointModel(BaseModel):
+class FatiguePointModel(RestAnswer):
     """Fatigue of one point over all boots."""
 
     name: str
@@ -89,31 +90,31 @@ class FatiguePointModel(BaseModel):
     failed_probability: float
     capacity: dict[str, float]
     curve: dict[str, float | None]
-    reasons: list[str]
-    course: list[DamageMoment]
-    ranges: list[float]
-    cycles: list[float]
+    reasons: tuple[str, ...]
+    course: tuple[DamageMoment, ...]
+    ranges: tuple[float, ...]
+    cycles: tuple[float, ...]
 
 
-class FatigueModel(BaseModel):
+class FatigueModel(RestAnswer):
     """Fatigue of a twin; no points where its edge counts none."""
 
     id: str
-    points: list[FatiguePointModel]
+    points: tuple[FatiguePointModel, ...]
 
-    model_config = {"json_schema_extra": {"examples": [FATIGUE_EXAMPLE]}}
+    model_config = ConfigDict(json_schema_extra={"examples": [FATIGUE_EXAMPLE]})
 
 
-class VirtualQuantityModel(BaseModel):
+class VirtualQuantityModel(RestAnswer):
     """An unmeasured quantity, estimated from a model."""
 
     name: str
     unit: str
-    values: list[float]
-    sd: list[float]
+    values: tuple[float, ...]
+    sd: tuple[float, ...]
 
 
-class VirtualWindowModel(BaseModel):
+class VirtualWindowModel(RestAnswer):
     """Virtual quantities over one window."""
 
     boot: str
@@ -122,14 +123,14 @@ class VirtualWindowModel(BaseModel):
     rate_hz: float
     lowest_hz: float
     valid: bool
-    reasons: list[str]
-    quantities: list[VirtualQuantityModel]
+    reasons: tuple[str, ...]
+    quantities: tuple[VirtualQuantityModel, ...]
 
 
-class VirtualModel(BaseModel):
+class VirtualModel(RestAnswer):
     """Latest windows of a twin's virtual quantities; none where its edge makes none."""
 
     id: str
-    windows: list[VirtualWindowModel]
+    windows: tuple[VirtualWindowModel, ...]
 
-    model_config = {"json_schema_extra": {"examples": [VIRTUAL_EXAMPLE]}}
+    model_config = ConfigDict(json_schema_extra={"examples": [VIRTUAL_EXAMPLE]})

@@ -1,15 +1,26 @@
 """Answers about twins: their states, modes and raised alarms."""
 
-from typing import Any, Literal
+import datetime
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, Field
+from pydantic import ConfigDict, Field
 
 from slowtime_schemas.messages import Shape
 from slowtime_schemas.quantities import Estimate
-from twin_server.registration.twin import MODEL_EXAMPLE, Registration
-from twin_server.serve.conclusion import Answer, Kind
-from twin_server.serve.models.fatigue import _LOST
 
+from .base import Extensible, RestAnswer
+
+ConclusionAnswer = Literal["act", "watch", "cannot_say", "no"]
+"""Whether anything is wrong, the most urgent answer first."""
+
+FindingKind = Literal[
+    "limit_passed", "risk_too_high", "repair_due", "inspection_due", "risk_rising",
+    "limit_near", "changed", "unexplained_change", "model_disagrees", "no_readings",
+    "agent_offline", "sensor_silent", "readings_late", "learning", "not_valid", "set_aside",
+]  # fmt: skip
+"""What stands against a structure, or against knowing it; the most urgent first."""
+
+_EPOCH = datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
 _FREQUENCY = {"value": 2.987, "sd": 0.002, "lo": 2.983, "hi": 2.991}
 _STIFFNESS = {"value": -0.0086, "sd": 0.0013, "lo": -0.0112, "hi": -0.006}
 STATE_EXAMPLE: dict[str, Any] = {
@@ -50,7 +61,7 @@ ELEMENTS_EXAMPLE: dict[str, Any] = {
     "assumed": [],
     "truth": {"storey2": -0.083},
     "elements": {"storey1": {"value": 0.004, "sd": 0.011, "lo": -0.017, "hi": 0.026}}
-    | {"storey2": _LOST},
+    | {"storey2": {"value": -0.08, "sd": 0.01, "lo": -0.0994, "hi": -0.0603}},
     "posterior_to_prior": {"storey1": 0.036, "storey2": 0.033},
     "suspects": ["storey2"],
     "channels": ["a_floor1", "a_floor2", "a_floor3"],
@@ -58,10 +69,10 @@ ELEMENTS_EXAMPLE: dict[str, Any] = {
 }
 
 
-class SeenModeModel(BaseModel):
+class SeenModeModel(RestAnswer):
     """One mode of an epoch."""
 
-    model_config = {"json_schema_extra": {"examples": [MODE_EXAMPLE]}}
+    model_config = ConfigDict(json_schema_extra={"examples": [MODE_EXAMPLE]})
 
     identity: int | None = Field(None, description="The edge's name of it, within a boot.")
     model_mode: int | None = Field(
@@ -69,7 +80,7 @@ class SeenModeModel(BaseModel):
     )
     frequency_hz: Estimate
     damping_ratio: Estimate | None
-    kind: Literal["structural", "harmonic"] = "structural"
+    kind: Annotated[Literal["structural", "harmonic"], Extensible] = "structural"
     shape: Shape | None = Field(
         None,
         description="One component per channel, in the unit that all of them have, else as "
@@ -78,7 +89,7 @@ class SeenModeModel(BaseModel):
     )
 
 
-class OfElements(BaseModel):
+class OfElements(RestAnswer):
     """Fields that only twins of many elements have."""
 
     elements: dict[str, Estimate] = Field(
@@ -87,17 +98,19 @@ class OfElements(BaseModel):
     posterior_to_prior: dict[str, float] = Field(
         default={}, description="Of each: 1 where the readings said nothing, 0 if sure."
     )
-    suspects: list[str] = Field(
-        default=[], description="Changed elements: 'j2'; 'j1 or j4' if the data cannot decide."
+    suspects: tuple[str, ...] = Field(
+        default=(), description="Changed elements: 'j2'; 'j1 or j4' if the data cannot decide."
     )
-    channels: list[str] = Field(default=[], description="Of the shapes' components, in order.")
-    modes: list[SeenModeModel] = []
+    channels: tuple[str, ...] = Field(
+        default=(), description="Of the shapes' components, in order."
+    )
+    modes: tuple[SeenModeModel, ...] = ()
 
 
 class State(OfElements):
     """The state of a twin after one features message."""
 
-    model_config = {"json_schema_extra": {"examples": [STATE_EXAMPLE, ELEMENTS_EXAMPLE]}}
+    model_config = ConfigDict(json_schema_extra={"examples": [STATE_EXAMPLE, ELEMENTS_EXAMPLE]})
 
     id: str
     t_ns: int = Field(description="Sensor time [ns since 1970-01-01 UTC].")
@@ -108,14 +121,19 @@ class State(OfElements):
     stiffness_change: Estimate | None = Field(description="-0.1 once a tenth is gone.")
     mass_change: Estimate | None
     correlation: float = Field(description="Between the errors of stiffness and mass change.")
-    assumed: list[str] = Field(description="Quantities that are assumed, not estimated.")
-    frequency_used: Literal["measured", "smoothed"]
+    assumed: tuple[str, ...] = Field(description="Quantities that are assumed, not estimated.")
+    frequency_used: Annotated[Literal["measured", "smoothed"], Extensible]
     valid: bool
-    reasons: list[str] = Field(description="Why not, in sentences.")
+    reasons: tuple[str, ...] = Field(description="Why not, in sentences.")
     truth: dict[str, float] | None = Field(description="What a simulator knows.")
     boot: str
     sequence: int
     missing_before: int = Field(description="Features lost between the last one and this.")
+
+    @property
+    def time(self) -> datetime.datetime:
+        """Sensor time to the microsecond; `t_ns` has all of it."""
+        return _EPOCH + datetime.timedelta(microseconds=self.t_ns // 1000)
 
 
 _SIZE = {"value": -0.0101, "sd": 0.0021, "lo": -0.0143, "hi": -0.0061}
@@ -137,7 +155,7 @@ NORMAL_EXAMPLE: dict[str, Any] = {
 }
 
 
-class Entered(BaseModel):
+class Entered(RestAnswer):
     """A lasting change that covariates do not explain: how large, since when."""
 
     frequency_change: Estimate
@@ -146,16 +164,16 @@ class Entered(BaseModel):
     )
     mass_change: Estimate | None = Field(None, description="Where only mass may change.")
     since: float
-    since_interval: list[float]
+    since_interval: tuple[float, ...]
 
 
-class NormalModel(BaseModel):
+class NormalModel(RestAnswer):
     """Normal behaviour of one frequency under temperature and load, as learnt in training."""
 
-    model_config = {"json_schema_extra": {"examples": [NORMAL_EXAMPLE]}}
+    model_config = ConfigDict(json_schema_extra={"examples": [NORMAL_EXAMPLE]})
 
     model_mode: int | None = Field(description="Of a twin of elements; null for the one mode.")
-    law: Literal["constant", "linear", "bilinear", "Gaussian process"]
+    law: Annotated[Literal["constant", "linear", "bilinear", "Gaussian process"], Extensible]
     bend_c: float | None = Field(description="Where a bilinear law bends.")
     frequency_hz: float = Field(description="At `reference`.")
     reference: dict[str, float]
@@ -165,7 +183,7 @@ class NormalModel(BaseModel):
     entered: Entered | None = Field(description="While an alarm is raised.")
 
 
-_CONCLUSION: dict[str, Any] = {
+CONCLUSION_EXAMPLE: dict[str, Any] = {
     "answer": "cannot_say",
     "findings": [
         {
@@ -177,27 +195,27 @@ _CONCLUSION: dict[str, Any] = {
 }
 
 
-class FindingModel(BaseModel):
+class FindingModel(RestAnswer):
     """Something that stands against a structure, or against knowing it."""
 
-    kind: Kind
+    kind: Annotated[FindingKind, Extensible]
     text: str = Field(description="Details, in a sentence.")
 
 
-class ConclusionModel(BaseModel):
+class ConclusionModel(RestAnswer):
     """Whether anything is wrong: never `no` where nothing new is known."""
 
-    model_config = {"json_schema_extra": {"examples": [_CONCLUSION]}}
+    model_config = ConfigDict(json_schema_extra={"examples": [CONCLUSION_EXAMPLE]})
 
-    answer: Answer = Field(
+    answer: Annotated[ConclusionAnswer, Extensible] = Field(
         description="`act` at once; `watch` what is coming; `cannot_say`, since data are "
         "missing; `no`."
     )
-    findings: list[FindingModel] = Field(description="Why, the most urgent first.")
+    findings: tuple[FindingModel, ...] = Field(description="Why, the most urgent first.")
     next: str | None = Field(description="What to do next; null where nothing is wrong.")
 
 
-class RaisedModel(BaseModel):
+class RaisedModel(RestAnswer):
     """An alarm of the registration that is raised."""
 
     quantity: str
@@ -205,29 +223,8 @@ class RaisedModel(BaseModel):
     limit: float
 
 
-class TwinModel(OfElements):
-    """A twin: its registration, and its latest state or that at an instant."""
-
-    model_config = {
-        "json_schema_extra": {
-            "examples": [
-                {
-                    **STATE_EXAMPLE,
-                    "conclusion": {"answer": "no", "findings": [], "next": None},
-                    "alive": True,
-                    "nominal": {"frequency_hz": 3.0, "damping_ratio": 0.02},
-                    "registration": {"changes": "stiffness"},
-                },
-                {
-                    **ELEMENTS_EXAMPLE,
-                    "conclusion": _CONCLUSION,
-                    "alive": False,
-                    "nominal": {"frequency_hz": 3.0, "damping_ratio": 0.02},
-                    "registration": MODEL_EXAMPLE,
-                },
-            ]
-        }
-    }
+class TwinStatus(OfElements):
+    """A twin's latest state or that at an instant, and what holds of it now."""
 
     id: str
     t_ns: int | None
@@ -237,7 +234,7 @@ class TwinModel(OfElements):
     stiffness_change: Estimate | None
     mass_change: Estimate | None
     valid: bool
-    reasons: list[str]
+    reasons: tuple[str, ...]
     conclusion: ConclusionModel | None = Field(
         None, description="Whether anything is wrong now; null of the state at an instant."
     )
@@ -255,21 +252,22 @@ class TwinModel(OfElements):
         description="Counters of the live sensor, as its edge agent told last; null for other "
         "inputs, and before it told. `sensor_silent_s` is 0 while it sends.",
     )
-    raised: list[RaisedModel] = Field(default=[], description="Alarms that are raised now.")
-    nominal: dict[str, float] | None = Field(description="None while it is being learnt.")
-    normal: list[NormalModel] = Field(
-        default=[], description="Under covariates; empty while it is being learnt."
+    raised: tuple[RaisedModel, ...] = Field(
+        default=(), description="Alarms that are raised now."
     )
-    registration: Registration
+    nominal: dict[str, float] | None = Field(description="None while it is being learnt.")
+    normal: tuple[NormalModel, ...] = Field(
+        default=(), description="Under covariates; empty while it is being learnt."
+    )
 
 
-class TwinList(BaseModel):
-    """All twins."""
+class RegisteredTwin(TwinStatus):
+    """A twin, with its registration as JSON."""
 
-    twins: list[TwinModel]
+    registration: dict[str, Any]
 
 
-class NominalMode(BaseModel):
+class NominalMode(RestAnswer):
     """One mode as the first epochs had it."""
 
     model_mode: int
@@ -278,11 +276,11 @@ class NominalMode(BaseModel):
     damping_ratio: float | None
 
 
-class ModesModel(BaseModel):
+class ModesModel(RestAnswer):
     """Modes of one epoch, with shapes, and those that the twin has learnt."""
 
-    model_config = {
-        "json_schema_extra": {
+    model_config = ConfigDict(
+        json_schema_extra={
             "examples": [
                 {
                     "id": "demo.frame",
@@ -304,23 +302,25 @@ class ModesModel(BaseModel):
                 }
             ]
         }
-    }
+    )
 
     id: str
     t_ns: int | None
     slow_time: float | None
     slow_time_unit: str | None
     valid: bool
-    reasons: list[str]
-    channels: list[str] = Field(description="Of the shapes' components, in order.")
-    modes: list[SeenModeModel]
-    nominal: list[NominalMode] = Field(
+    reasons: tuple[str, ...]
+    channels: tuple[str, ...] = Field(description="Of the shapes' components, in order.")
+    modes: tuple[SeenModeModel, ...]
+    nominal: tuple[NominalMode, ...] = Field(
         description="The model's modes as they were learnt; empty while they are not."
     )
 
 
-class HealthModel(BaseModel):
+class HealthModel(RestAnswer):
     """That the server lives; `degraded` where it takes readings, and something else fails."""
 
     status: Literal["ok", "degraded"] = Field(examples=["ok"])
-    notes: list[str] = Field([], description="What fails; only where the status is `degraded`.")
+    notes: tuple[str, ...] = Field(
+        (), description="What fails; only where the status is `degraded`."
+    )

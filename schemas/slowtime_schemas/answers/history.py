@@ -2,8 +2,9 @@
 
 from typing import Any, Literal
 
-from pydantic import BaseModel, Field
+from pydantic import ConfigDict, Field
 
+from .base import RestAnswer
 from .twins import State
 
 BANDS_EXAMPLE: dict[str, Any] = {
@@ -27,54 +28,56 @@ BANDS_EXAMPLE: dict[str, Any] = {
 }
 
 
-class InstantsModel(BaseModel):
+class InstantsModel(RestAnswer):
     """One instant of each bucket."""
 
-    t_ns: list[int]
-    slow_time: list[float]
+    t_ns: tuple[int, ...]
+    slow_time: tuple[float, ...]
 
 
-class RangeModel(BaseModel):
+class RangeModel(RestAnswer):
     """Of each bucket; null where there is nothing."""
 
-    min: list[float | None]
-    max: list[float | None]
+    min: tuple[float | None, ...]
+    max: tuple[float | None, ...]
 
 
 class BandModel(RangeModel):
     """One quantity in each bucket: mean and extremes of its value, ends of its intervals."""
 
-    mean: list[float | None]
-    lo: list[float | None] = Field(description="Least lower end of the 95 % intervals.")
-    hi: list[float | None] = Field(description="Greatest upper end of the 95 % intervals.")
+    mean: tuple[float | None, ...]
+    lo: tuple[float | None, ...] = Field(description="Least lower end of the 95 % intervals.")
+    hi: tuple[float | None, ...] = Field(
+        description="Greatest upper end of the 95 % intervals."
+    )
 
 
-class BandsModel(BaseModel):
+class BandsModel(RestAnswer):
     """Statistics of all readings in buckets of consecutive ones; one column each."""
 
-    model_config = {"json_schema_extra": {"examples": [BANDS_EXAMPLE]}}
+    model_config = ConfigDict(json_schema_extra={"examples": [BANDS_EXAMPLE]})
 
     readings: int = Field(description="All of the span that was asked for.")
     slow_time_unit: str
-    count: list[int] = Field(description="Readings of each bucket.")
-    valid: list[int] = Field(description="Of these, valid ones.")
+    count: tuple[int, ...] = Field(description="Readings of each bucket.")
+    valid: tuple[int, ...] = Field(description="Of these, valid ones.")
     start: InstantsModel = Field(description="First reading of each bucket.")
     end: InstantsModel = Field(description="Last reading of each bucket.")
     quantities: dict[str, BandModel] = Field(description="Of those that are estimated.")
-    elements: dict[str, BandModel] = {}
+    elements: dict[str, BandModel] = Field({})
     truth: dict[str, RangeModel] = Field(default={}, description="What a simulator knows.")
 
 
-class HistoryModel(BaseModel):
+class HistoryModel(RestAnswer):
     """States in order; of more than `max_points`, those that carry the extremes."""
 
-    points: list[State]
+    points: tuple[State, ...]
     bands: BandsModel | None = Field(
         None, description="What all readings show; left out where all of them are in `points`."
     )
 
 
-class EventModel(BaseModel):
+class EventModel(RestAnswer):
     """An event for people."""
 
     number: int
@@ -93,13 +96,13 @@ class EventModel(BaseModel):
     details: dict[str, Any]
 
 
-class EventList(BaseModel):
+class EventList(RestAnswer):
     """Events in order; ask on with `after` set to the last one's number."""
 
-    events: list[EventModel]
+    events: tuple[EventModel, ...]
 
 
-class HashModel(BaseModel):
+class HashModel(RestAnswer):
     """SHA-256 over every features message and state of a history, in order."""
 
     id: str

@@ -1,8 +1,10 @@
 """Answers about the risk of a twin."""
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, Field
+from pydantic import ConfigDict, Field
+
+from .base import Extensible, RestAnswer
 
 PROBABILITY_EXAMPLE: dict[str, Any] = {"value": 0.0021, "lo": 0.0004, "hi": 0.0063}
 STATE_EXAMPLE: dict[str, Any] = {
@@ -35,17 +37,17 @@ RISK_EXAMPLE: dict[str, Any] = {
 }
 
 
-class ProbabilityModel(BaseModel):
+class ProbabilityModel(RestAnswer):
     """A probability, and the 5 to 95 % band that more readings could move it within."""
 
-    model_config = {"json_schema_extra": {"examples": [PROBABILITY_EXAMPLE]}}
+    model_config = ConfigDict(json_schema_extra={"examples": [PROBABILITY_EXAMPLE]})
 
     value: float = Field(ge=0, le=1)
     lo: float
     hi: float
 
 
-class RiskNow(BaseModel):
+class RiskNow(RestAnswer):
     """A limit state at one slow time."""
 
     probability: ProbabilityModel = Field(
@@ -62,20 +64,20 @@ class RiskPoint(RiskNow):
     slow_time: float
 
 
-class PastRisk(BaseModel):
+class PastRisk(RestAnswer):
     """A limit state at a past reading, by that reading and its standard deviation."""
 
     slow_time: float
     probability: ProbabilityModel
 
 
-class LimitStateRisk(BaseModel):
+class LimitStateRisk(RestAnswer):
     """One limit state: now, in the past and to come."""
 
-    model_config = {"json_schema_extra": {"examples": [STATE_EXAMPLE]}}
+    model_config = ConfigDict(json_schema_extra={"examples": [STATE_EXAMPLE]})
 
     name: str
-    kind: Literal["threshold", "resonance", "response", "own"]
+    kind: Annotated[Literal["threshold", "resonance", "response", "own"], Extensible]
     accepted: float
     now: RiskNow | None
     within: ProbabilityModel | None = Field(description="Of failure up to the horizon.")
@@ -83,22 +85,22 @@ class LimitStateRisk(BaseModel):
         description="Slow time at which the accepted probability is reached; null: not by the "
         "horizon."
     )
-    points: list[RiskPoint]
-    past: list[PastRisk]
+    points: tuple[RiskPoint, ...]
+    past: tuple[PastRisk, ...]
     sentence: str
     valid: bool
-    reasons: list[str]
+    reasons: tuple[str, ...]
 
 
-class RiskModel(BaseModel):
+class RiskModel(RestAnswer):
     """Failure probability of a twin by each limit state of its registration."""
 
-    model_config = {"json_schema_extra": {"examples": [RISK_EXAMPLE]}}
+    model_config = ConfigDict(json_schema_extra={"examples": [RISK_EXAMPLE]})
 
     id: str
     since: float | None = Field(description="Slow time of the last reading.")
     horizon: float | None
     slow_time_unit: str | None
-    limit_states: list[LimitStateRisk]
+    limit_states: tuple[LimitStateRisk, ...]
     valid: bool
-    reasons: list[str]
+    reasons: tuple[str, ...]

@@ -1,10 +1,12 @@
 """Answers about the forecast of a twin."""
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, Field
+from pydantic import ConfigDict, Field
 
 from slowtime_schemas.quantities import Estimate
+
+from .base import Extensible, RestAnswer
 
 CROSSING_EXAMPLE: dict[str, Any] = {
     "quantity": "stiffness_change",
@@ -56,7 +58,7 @@ FORECAST_EXAMPLE: dict[str, Any] = {
 }
 
 
-class ForecastPoint(BaseModel):
+class ForecastPoint(RestAnswer):
     """Forecast at one slow time; null for quantities that are not estimated."""
 
     slow_time: float
@@ -67,7 +69,7 @@ class ForecastPoint(BaseModel):
     )
 
 
-class CrossingTime(BaseModel):
+class CrossingTime(RestAnswer):
     """By when a threshold has been crossed with a probability."""
 
     share: float = Field(description="The probability.")
@@ -75,14 +77,14 @@ class CrossingTime(BaseModel):
     ahead: float | None = Field(description="The same, from the last reading on.")
 
 
-class DistributionModel(BaseModel):
+class DistributionModel(RestAnswer):
     """Distribution function, straight between its points."""
 
-    slow_time: list[float]
-    probability: list[float]
+    slow_time: tuple[float, ...]
+    probability: tuple[float, ...]
 
 
-class ReliabilityClass(BaseModel):
+class ReliabilityClass(RestAnswer):
     """Past statements whose probabilities lie between two limits, and what came of them."""
 
     low: float
@@ -97,20 +99,20 @@ class ReliabilityClass(BaseModel):
     hi: float
 
 
-class CrossingModel(BaseModel):
+class CrossingModel(RestAnswer):
     """When a threshold is first crossed: a distribution."""
 
-    model_config = {"json_schema_extra": {"examples": [CROSSING_EXAMPLE]}}
+    model_config = ConfigDict(json_schema_extra={"examples": [CROSSING_EXAMPLE]})
 
     quantity: str
     threshold: float
     toward: Literal["below", "above"] | None = Field(
         description="Side that is asked for; null for the one where the quantity is not now."
     )
-    source: Literal["request", "alarm", "registration"]
-    times: list[CrossingTime]
-    quantiles: list[CrossingTime] = Field(
-        default=[], description="The same at 5, 10, 25, 50, 75, 90 and 95 %."
+    source: Annotated[Literal["request", "alarm", "registration"], Extensible]
+    times: tuple[CrossingTime, ...]
+    quantiles: tuple[CrossingTime, ...] = Field(
+        default=(), description="The same at 5, 10, 25, 50, 75, 90 and 95 %."
     )
     median: float | None = Field(
         default=None, description="Slow time; null where `within` is below one half."
@@ -135,10 +137,10 @@ class CrossingModel(BaseModel):
     sentence: str
 
 
-class ForecastModel(BaseModel):
+class ForecastModel(RestAnswer):
     """Where a twin is heading."""
 
-    model_config = {"json_schema_extra": {"examples": [FORECAST_EXAMPLE]}}
+    model_config = ConfigDict(json_schema_extra={"examples": [FORECAST_EXAMPLE]})
 
     id: str
     since: float | None = Field(description="Slow time of the last reading.")
@@ -147,33 +149,33 @@ class ForecastModel(BaseModel):
     )
     until: float | None = Field(description="Beyond this the forecast repeats its trend.")
     slow_time_unit: str | None
-    points: list[ForecastPoint]
-    crossings: list[CrossingModel] = Field(
+    points: tuple[ForecastPoint, ...]
+    crossings: tuple[CrossingModel, ...] = Field(
         description="Of each threshold: the one asked for, those of the alarms, and those of "
         "the registration's `forecast.thresholds`."
     )
     periods: dict[str, float | None] = Field(
         description="After how long each quantity repeats itself; null where it does not."
     )
-    jumps: dict[str, list[float]] = Field(
+    jumps: dict[str, tuple[float, ...]] = Field(
         description="Slow times after which a quantity jumped."
     )
     valid: bool
-    reasons: list[str]
-    warnings: list[str] = Field(
-        default=[], description="Of each quantity that no degradation law fits."
+    reasons: tuple[str, ...]
+    warnings: tuple[str, ...] = Field(
+        default=(), description="Of each quantity that no degradation law fits."
     )
     widening: dict[str, float] = Field(
         default={},
         description="Factor by which the futures of each quantity are spread wider than its "
         "laws say, as its past outlooks were too sure.",
     )
-    record: list[str] = Field(
-        default=[], description="What came of past outlooks, in sentences."
+    record: tuple[str, ...] = Field(
+        default=(), description="What came of past outlooks, in sentences."
     )
 
 
-class CoverageModel(BaseModel):
+class CoverageModel(RestAnswer):
     """How often a central interval held."""
 
     stated: float
@@ -183,7 +185,7 @@ class CoverageModel(BaseModel):
     hi: float
 
 
-class WideningModel(BaseModel):
+class WideningModel(RestAnswer):
     """Factor by which the spread of futures is widened."""
 
     factor: float = 1.0
@@ -193,36 +195,36 @@ class WideningModel(BaseModel):
     effective: float = Field(default=0.0, description="Independent statements behind it.")
 
 
-class QuantityRecord(BaseModel):
+class QuantityRecord(RestAnswer):
     """What came of the bands of one quantity."""
 
-    coverage: list[CoverageModel]
+    coverage: tuple[CoverageModel, ...]
     widening: WideningModel
-    sentences: list[str]
+    sentences: tuple[str, ...]
 
 
-class ThresholdRecord(BaseModel):
+class ThresholdRecord(RestAnswer):
     """What came of statements on thresholds."""
 
     count: int
     came_true: int
     effective: float
     brier: float | None = Field(description="Mean squared error of their probabilities.")
-    classes: list[ReliabilityClass]
-    sentences: list[str] = []
+    classes: tuple[ReliabilityClass, ...]
+    sentences: tuple[str, ...] = ()
 
 
-class StatedQuantity(BaseModel):
+class StatedQuantity(RestAnswer):
     """Quantiles of one quantity at some instants, as they were told."""
 
-    instants: list[float]
-    quantiles: list[list[float]] = Field(
+    instants: tuple[float, ...]
+    quantiles: tuple[tuple[float, ...], ...] = Field(
         description="At each instant, at 2.5, 5, 10, 25, 50, 75, 90, 95 and 97.5 %."
     )
     widening: float
 
 
-class StatedCrossing(BaseModel):
+class StatedCrossing(RestAnswer):
     """Probability that a threshold is reached, as it was told."""
 
     quantity: str
@@ -232,16 +234,16 @@ class StatedCrossing(BaseModel):
     already: float
 
 
-class PastOutlook(BaseModel):
+class PastOutlook(RestAnswer):
     """What a twin stated of its future after one reading."""
 
     since: float
     horizon: float
     quantities: dict[str, StatedQuantity]
-    crossings: list[StatedCrossing]
+    crossings: tuple[StatedCrossing, ...]
 
 
-class TrackRecordModel(BaseModel):
+class TrackRecordModel(RestAnswer):
     """Past outlooks of a twin, and what came of them."""
 
     id: str
@@ -252,6 +254,6 @@ class TrackRecordModel(BaseModel):
     kept: int
     quantities: dict[str, QuantityRecord]
     thresholds: ThresholdRecord
-    outlooks: list[PastOutlook]
-    sentences: list[str]
-    reasons: list[str] = Field(description="Why there is nothing to compare yet.")
+    outlooks: tuple[PastOutlook, ...]
+    sentences: tuple[str, ...]
+    reasons: tuple[str, ...] = Field(description="Why there is nothing to compare yet.")

@@ -2,7 +2,9 @@
 
 from typing import Any
 
-from pydantic import BaseModel, Field
+from pydantic import ConfigDict, Field
+
+from .base import RestAnswer
 
 Vector = tuple[float, float, float]
 
@@ -29,7 +31,7 @@ SHAPES_EXAMPLE: dict[str, Any] = {
 }  # fmt: skip
 
 
-class SensorMarkModel(BaseModel):
+class SensorMarkModel(RestAnswer):
     """Where a channel is, and along which line it measures."""
 
     channel: str
@@ -37,20 +39,20 @@ class SensorMarkModel(BaseModel):
     along: Vector
 
 
-class MotionModel(BaseModel):
+class MotionModel(RestAnswer):
     """Displacements: real parts, and imaginary ones where there are any."""
 
-    re: list[Vector]
-    im: list[Vector] | None
+    re: tuple[Vector, ...]
+    im: tuple[Vector, ...] | None
 
 
 class PointsModel(MotionModel):
     """Displacements of the nodes that have sensors."""
 
-    nodes: list[int]
+    nodes: tuple[int, ...]
 
 
-class SpatialModeModel(BaseModel):
+class SpatialModeModel(RestAnswer):
     """A mode of the model, a measured one, or both."""
 
     model_mode: int | None = Field(description="Counted from 0; null where only measured.")
@@ -67,20 +69,20 @@ class SpatialModeModel(BaseModel):
     )
 
 
-class ShapesModel(BaseModel):
+class ShapesModel(RestAnswer):
     """Wireframe of a model, with mode shapes."""
 
-    model_config = {"json_schema_extra": {"examples": [SHAPES_EXAMPLE]}}
+    model_config = ConfigDict(json_schema_extra={"examples": [SHAPES_EXAMPLE]})
 
     id: str
     t_ns: int | None
     slow_time: float | None
     slow_time_unit: str | None
-    nodes: list[Vector] = Field(description="Positions [m].")
-    names: list[str]
-    lines: list[tuple[int, int]]
-    groups: list[str] = Field(description="Parameters that scale parts of the model.")
-    group_of_line: list[int | None]
-    changed: list[str] = Field(description="Groups that are suspected to have changed.")
-    sensors: list[SensorMarkModel]
-    modes: list[SpatialModeModel] = Field(description="In ascending frequency.")
+    nodes: tuple[Vector, ...] = Field(description="Positions [m].")
+    names: tuple[str, ...]
+    lines: tuple[tuple[int, int], ...]
+    groups: tuple[str, ...] = Field(description="Parameters that scale parts of the model.")
+    group_of_line: tuple[int | None, ...]
+    changed: tuple[str, ...] = Field(description="Groups that are suspected to have changed.")
+    sensors: tuple[SensorMarkModel, ...]
+    modes: tuple[SpatialModeModel, ...] = Field(description="In ascending frequency.")

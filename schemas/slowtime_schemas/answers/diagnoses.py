@@ -2,10 +2,12 @@
 
 from typing import Any, Literal
 
-from pydantic import BaseModel, Field
+from pydantic import ConfigDict, Field
 
-from twin_server.orders import State as JobState
+from .base import RestAnswer
 
+DiagnosisState = Literal["queued", "running", "done", "failed", "cancelled"]
+GapState = Literal["off", "waiting", "learning", "watching", "disagreeing"]
 _ORDER: dict[str, Any] = {"clock": "fast", "raw": {"duration_s": 60.0}, "quick": False}
 DIAGNOSIS_EXAMPLE: dict[str, Any] = {
     "number": 3,
@@ -35,16 +37,16 @@ GAP_EXAMPLE: dict[str, Any] = {
 }
 
 
-class DiagnosisModel(BaseModel):
+class DiagnosisModel(RestAnswer):
     """A diagnosis: its progress, or its result."""
 
-    model_config = {"json_schema_extra": {"examples": [DIAGNOSIS_EXAMPLE]}}
+    model_config = ConfigDict(json_schema_extra={"examples": [DIAGNOSIS_EXAMPLE]})
 
     number: int
     id: str
     asked_ns: int
     ended_ns: int | None
-    state: JobState
+    state: DiagnosisState
     stage: str = Field(description="While it runs, in words.")
     progress: float = Field(description="Share that is done.")
     seconds: float = Field(description="Since it began to run.")
@@ -56,13 +58,13 @@ class DiagnosisModel(BaseModel):
     adopted: bool = Field(description="Whether the twin has taken it in.")
 
 
-class DiagnosisList(BaseModel):
+class DiagnosisList(RestAnswer):
     """Diagnoses of a twin, the newest first."""
 
-    diagnoses: list[DiagnosisModel]
+    diagnoses: tuple[DiagnosisModel, ...]
 
 
-class GapReading(BaseModel):
+class GapReading(RestAnswer):
     """Error of the free run on one record that arrived."""
 
     t_ns: int = Field(description="Sensor time of its first sample.")
@@ -71,16 +73,16 @@ class GapReading(BaseModel):
     disagrees: bool = Field(description="Whether the limit is passed.")
 
 
-class GapModel(BaseModel):
+class GapModel(RestAnswer):
     """Error of the model's free run on current samples, and its usual size."""
 
-    model_config = {"json_schema_extra": {"examples": [GAP_EXAMPLE]}}
+    model_config = ConfigDict(json_schema_extra={"examples": [GAP_EXAMPLE]})
 
     id: str
     measure: Literal["nrmse"]
-    state: Literal["off", "waiting", "learning", "watching", "disagreeing"]
+    state: GapState
     sentence: str
     learnt: int = Field(description="Readings from which the expected gap was learnt.")
     expected: float | None
     limit: float | None
-    readings: list[GapReading]
+    readings: tuple[GapReading, ...]

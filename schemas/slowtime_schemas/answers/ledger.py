@@ -1,9 +1,11 @@
 """Answers about the ledger: heads and proofs."""
 
-from pydantic import BaseModel, Field
+from pydantic import ConfigDict, Field
+
+from .base import RestAnswer
 
 
-class HeadModel(BaseModel):
+class HeadModel(RestAnswer):
     """A signed hash over everything that the server had accepted of all its twins."""
 
     number: int
@@ -15,16 +17,16 @@ class HeadModel(BaseModel):
     signature: str
 
 
-class HeadList(BaseModel):
+class HeadList(RestAnswer):
     """Heads in their order; none where the server has no key to sign with."""
 
-    heads: list[HeadModel]
+    heads: tuple[HeadModel, ...]
     refusal: str = Field(
         "", description="Why nothing is signed any more; empty while all is well."
     )
 
-    model_config = {
-        "json_schema_extra": {
+    model_config = ConfigDict(
+        json_schema_extra={
             "examples": [
                 {
                     "heads": [
@@ -41,10 +43,10 @@ class HeadList(BaseModel):
                 }
             ]
         }
-    }
+    )
 
 
-class TreeHeadModel(BaseModel):
+class TreeHeadModel(RestAnswer):
     """A signed hash over the chain of one twin: the signed tree head of RFC 9162."""
 
     chain: str = Field(description="Id of the twin.", examples=["lab.beam"])
@@ -55,15 +57,15 @@ class TreeHeadModel(BaseModel):
     signature: str
 
 
-class ConsistencyProof(BaseModel):
+class ConsistencyProof(RestAnswer):
     """That a chain begins with its first entries (RFC 9162, section 2.1.4)."""
 
     head: TreeHeadModel
     first: int
-    proof: list[str] = Field(description="Hashes, hexadecimal.")
+    proof: tuple[str, ...] = Field(description="Hashes, hexadecimal.")
 
 
-class ProvenReadingModel(BaseModel):
+class ProvenReadingModel(RestAnswer):
     """What is hashed of a reading."""
 
     boot: str
@@ -74,10 +76,10 @@ class ProvenReadingModel(BaseModel):
     message: str = Field(description="The features message as it came, in base64.")
 
 
-class InclusionProof(BaseModel):
+class InclusionProof(RestAnswer):
     """That a reading is among the entries of a chain (RFC 9162, section 2.1.3)."""
 
     head: TreeHeadModel
     index: int = Field(description="Its entry, counted from 0.")
-    proof: list[str] = Field(description="Hashes, hexadecimal.")
+    proof: tuple[str, ...] = Field(description="Hashes, hexadecimal.")
     reading: ProvenReadingModel

@@ -1,13 +1,14 @@
-"""Requests and answers about alarms and their deliveries."""
+"""Answers about alarms and their deliveries."""
 
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
-from slowtime_schemas.quantities import Plain
-from twin_server.events.deliveries import State
-from twin_server.events.receivers import ReceiverName
-from twin_server.orders import Frozen
+from .base import RestAnswer
+
+DeliveryState = Literal["waiting", "late", "delivered", "failed", "dropped"]
+"""`late`: of readings that were old on arrival, sent once newer ones say the same; `failed`:
+given up; `dropped`: of no interest any more, such as a reminder of an alarm that has ended."""
 
 EVENT_ID = "5f0c2a4e9b7d41c6a3e8f1d2b4c6978a"
 ACKNOWLEDGED_EXAMPLE: dict[str, Any] = {
@@ -18,40 +19,10 @@ ACKNOWLEDGED_EXAMPLE: dict[str, Any] = {
 }
 
 
-class AcknowledgementOrder(Frozen):
-    """Who acknowledges an alarm, with a comment."""
-
-    model_config = ConfigDict(
-        frozen=True,
-        extra="forbid",
-        json_schema_extra={"examples": [{"by": "Ann Moreau", "note": "On my way."}]},
-    )
-
-    by: Annotated[
-        Annotated[str, Field(min_length=1, max_length=100), Plain] | None,
-        Field(description="A name; by default that of the token."),
-    ] = None
-    note: Annotated[str, Field(max_length=1_000), Plain] = ""
-
-
-class TestAlarmOrder(Frozen):
-    """The receiver of a test alarm."""
-
-    model_config = ConfigDict(
-        frozen=True,
-        extra="forbid",
-        json_schema_extra={"examples": [{"receiver": "ops"}, {}]},
-    )
-
-    receiver: Annotated[
-        ReceiverName | None, Field(description="null for all receivers of the twin's routes.")
-    ] = None
-
-
-class AcknowledgementModel(BaseModel):
+class AcknowledgementModel(RestAnswer):
     """Who acknowledged an alarm, and when."""
 
-    model_config = {"json_schema_extra": {"examples": [ACKNOWLEDGED_EXAMPLE]}}
+    model_config = ConfigDict(json_schema_extra={"examples": [ACKNOWLEDGED_EXAMPLE]})
 
     by: str = Field(description="Who it is said to be.")
     token: str = Field(description="Whose token it was.")
@@ -65,7 +36,7 @@ class AcknowledgedModel(AcknowledgementModel):
     event_id: str = Field(examples=[EVENT_ID])
 
 
-class AlarmModel(BaseModel):
+class AlarmModel(RestAnswer):
     """An event of severity `alarm`."""
 
     event_id: str = Field(
@@ -81,14 +52,14 @@ class AlarmModel(BaseModel):
     acknowledged: AcknowledgementModel | None
 
 
-class AlarmList(BaseModel):
+class AlarmList(RestAnswer):
     """Alarms of a twin, the newest first."""
 
     id: str
-    alarms: list[AlarmModel]
+    alarms: tuple[AlarmModel, ...]
 
 
-class RouteModel(BaseModel):
+class RouteModel(RestAnswer):
     """State of a route of a twin."""
 
     receiver: str
@@ -104,7 +75,7 @@ class RouteModel(BaseModel):
     )
 
 
-class DeliveryModel(BaseModel):
+class DeliveryModel(RestAnswer):
     """An event on its way to a receiver."""
 
     id: str = Field(description="What the receiver tells doubles by.", examples=[EVENT_ID])
@@ -113,7 +84,7 @@ class DeliveryModel(BaseModel):
     kind: str
     severity: Literal["info", "warning", "alarm"]
     reminder: int = Field(description="0 for the first message, then 1, 2, ...")
-    state: State
+    state: DeliveryState
     tries: int
     created_ns: int
     due_ns: int | None = Field(description="When it is tried next.")
@@ -122,16 +93,16 @@ class DeliveryModel(BaseModel):
     message: str
 
 
-class DeliveryList(BaseModel):
+class DeliveryList(RestAnswer):
     """State of the routes of a twin, and its deliveries, the newest first."""
 
     id: str
-    routes: list[RouteModel]
-    deliveries: list[DeliveryModel]
+    routes: tuple[RouteModel, ...]
+    deliveries: tuple[DeliveryModel, ...]
 
 
-class TrialModel(BaseModel):
+class TrialModel(RestAnswer):
     """A test alarm that was sent."""
 
     event_id: str
-    receivers: list[str]
+    receivers: tuple[str, ...]

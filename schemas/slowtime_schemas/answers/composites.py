@@ -1,13 +1,17 @@
 """Answers about composites, as the API's document describes them."""
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
-Kind = Literal["site", "line", "structure"]
+from slowtime_schemas.keyed_access import KeyedAccess
+
+from .base import Extensible, RestAnswer
+
+CompositeKind = Literal["site", "line", "structure"]
 
 
-class HealthOfTwins(BaseModel):
+class HealthOfTwins(RestAnswer):
     """Of all twins within a composite; valid where all of them are."""
 
     twins: int
@@ -15,7 +19,7 @@ class HealthOfTwins(BaseModel):
     valid_twins: int
     valid: bool
     alarms: int = Field(description="Alarms that are raised now.")
-    reasons: list[str]
+    reasons: tuple[str, ...]
 
 
 class HealthOfComposite(HealthOfTwins):
@@ -24,7 +28,7 @@ class HealthOfComposite(HealthOfTwins):
     worst: str | None
 
 
-class Chance(BaseModel):
+class Chance(RestAnswer):
     """A failure probability with its 95 % band; null if unknown."""
 
     value: float | None
@@ -35,7 +39,7 @@ class Chance(BaseModel):
 class ChanceWithReasons(Chance):
     """Beside that, why it should not be relied on."""
 
-    reasons: list[str]
+    reasons: tuple[str, ...]
 
 
 class ChanceOfTwin(ChanceWithReasons):
@@ -45,7 +49,15 @@ class ChanceOfTwin(ChanceWithReasons):
     horizon: float | None = Field(default=None, description="Slow time up to which it is.")
 
 
-class AnyDependence(BaseModel):
+class ChanceOfMember(Chance):
+    """Of a direct member; of a twin also why it should not be relied on, and its instants."""
+
+    reasons: tuple[str, ...] = ()
+    since: float | None = None
+    horizon: float | None = None
+
+
+class AnyDependence(KeyedAccess, RestAnswer):
     """Bounds that hold however the members depend on each other."""
 
     lo: float
@@ -62,7 +74,7 @@ class FailureOfComposite(ChanceWithReasons):
     slow_time_unit: str | None
 
 
-class ImportanceOfTwin(BaseModel):
+class ImportanceOfTwin(RestAnswer):
     """Importance of a twin; see `docs/composites.md`."""
 
     birnbaum: float
@@ -70,29 +82,29 @@ class ImportanceOfTwin(BaseModel):
     fussell_vesely: float | None
 
 
-class MemberOfComposite(BaseModel):
+class MemberOfComposite(RestAnswer):
     """A direct member: a twin, or a composite of some kind."""
 
     id: str
-    kind: Kind | Literal["twin"]
+    kind: Annotated[CompositeKind | Literal["twin"], Extensible]
     valid: bool
-    failure: dict[str, Any]
+    failure: ChanceOfMember
 
 
-class TwinOfComposite(BaseModel):
+class TwinOfComposite(RestAnswer):
     """A twin within a composite, at any depth."""
 
     id: str
     name: str
     alive: bool
     valid: bool
-    reasons: list[str]
-    alarms: list[dict[str, Any]]
+    reasons: tuple[str, ...]
+    alarms: tuple[dict[str, Any], ...]
     failure: ChanceOfTwin
     importance: ImportanceOfTwin | None
 
 
-class RateModel(BaseModel):
+class RateModel(RestAnswer):
     """A drift rate per slow time, with its 95 % interval; null where it does not exist."""
 
     value: float | None
@@ -101,7 +113,7 @@ class RateModel(BaseModel):
     hi: float | None
 
 
-class OwnRate(BaseModel):
+class OwnRate(RestAnswer):
     """The drift rate from a twin's own readings."""
 
     value: float
@@ -116,7 +128,7 @@ class PooledRate(RateModel):
     own: OwnRate | None
 
 
-class PoolModel(BaseModel):
+class PoolModel(RestAnswer):
     """Drift rates of like members."""
 
     quantity: str
@@ -124,7 +136,7 @@ class PoolModel(BaseModel):
     fleet: RateModel
     spread: RateModel
     another: RateModel = Field(description="Of an asset of which nothing is known yet.")
-    members: list[PooledRate]
+    members: tuple[PooledRate, ...]
 
 
 _PAIR = ["demo.tower", "demo.mast"]
@@ -167,63 +179,63 @@ _EXAMPLE: dict[str, Any] = {
 }  # fmt: skip
 
 
-class CompositeModel(BaseModel):
+class CompositeModel(RestAnswer):
     """A composite with its health, failure probability, importance and rates."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [_EXAMPLE]})
 
     id: str
     name: str
-    kind: Kind
+    kind: Annotated[CompositeKind, Extensible]
     registration: dict[str, Any]
     health: HealthOfComposite
     failure: FailureOfComposite
     tree: dict[str, Any]
-    members: list[MemberOfComposite]
-    twins: list[TwinOfComposite]
-    pooled: list[PoolModel]
+    members: tuple[MemberOfComposite, ...]
+    twins: tuple[TwinOfComposite, ...]
+    pooled: tuple[PoolModel, ...]
 
 
-class CompositeBrief(BaseModel):
+class CompositeBrief(RestAnswer):
     """A composite in a list, without results that need forecasts."""
 
     id: str
     name: str
-    kind: Kind
-    members: list[str]
+    kind: Annotated[CompositeKind, Extensible]
+    members: tuple[str, ...]
     health: HealthOfTwins
 
 
-class CompositeList(BaseModel):
+class CompositeList(RestAnswer):
     """All composites whose twins the caller may see."""
 
-    composites: list[CompositeBrief]
+    composites: tuple[CompositeBrief, ...]
 
 
-class MemberBrief(BaseModel):
+class MemberBrief(RestAnswer):
     """A member by its id, and whether it is a twin or a composite."""
 
     id: str
-    kind: Kind | Literal["twin"]
+    kind: Annotated[CompositeKind | Literal["twin"], Extensible]
 
 
-class MemberList(BaseModel):
+class MemberList(RestAnswer):
     """Members, and the twins within at any depth."""
 
     id: str
-    members: list[MemberBrief]
-    twins: list[str]
+    members: tuple[MemberBrief, ...]
+    twins: tuple[str, ...]
 
 
-class MembershipList(BaseModel):
+class MembershipList(RestAnswer):
     """Composites that a twin is in: at once, and at any height."""
 
     id: str
-    composites: list[str]
-    above: list[str]
+    composites: tuple[str, ...]
+    above: tuple[str, ...]
 
 
-class Revision(BaseModel):
+class Revision(RestAnswer):
     """A registration of a composite; null where it was deleted."""
 
     t_ns: int
@@ -231,8 +243,8 @@ class Revision(BaseModel):
     registration: dict[str, Any] | None
 
 
-class RevisionList(BaseModel):
+class RevisionList(RestAnswer):
     """Registrations of a composite whose twins the caller may see, in order."""
 
     id: str
-    revisions: list[Revision]
+    revisions: tuple[Revision, ...]

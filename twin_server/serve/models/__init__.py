@@ -1,1 +1,0 @@
-"""The pydantic models of REST answers, for the OpenAPI document."""
