@@ -32,6 +32,7 @@ from twin_server.persist import (
 from twin_server.pipeline import (
     Alarms,
     AssetEvents,
+    ChangeHistory,
     CompositeRegistry,
     Diagnoses,
     FeatureTraces,
@@ -41,7 +42,6 @@ from twin_server.pipeline import (
     Pipeline,
     QuarantineDesk,
     Recordings,
-    RegistrationHistory,
     TwinKnowledge,
     WorkerProcesses,
 )
@@ -241,12 +241,13 @@ def _serve(
     for quota in (recordings.uploads.quota, recordings.replays, orders.quota):
         holdings.add(quota)
     compositions = CompositeRegistry(pipeline, store, clock)
+    asset_events = AssetEvents(pipeline, store, clock)
     app = create_app(
         knowledge, hub, settings.serve, orders, recordings,
         largest_recording=settings.recordings.max_bytes, queue=queue, alarm_service=alarms,
         composite_service=compositions,
-        events=AssetEvents(pipeline, store, clock), holdings=holdings,
-        changes=RegistrationHistory(pipeline, store),
+        events=asset_events, holdings=holdings,
+        changes=ChangeHistory(pipeline, store, asset_events),
         quarantine_service=QuarantineDesk(pipeline, store, clock),
     )  # fmt: skip
     install_unavailable(app, StoreError, WrongStoreError)

@@ -20,7 +20,7 @@ from playwright.sync_api import Browser, expect, sync_playwright
 
 from benchmarks.methods.monitored_tower import LEARN, PRIOR_SD, TOWER, TowerTwin
 from slowtime_schemas.codec import encode
-from slowtime_schemas.streams import FEATURES
+from slowtime_schemas.streams import FEATURES, alive_key
 from slowtime_services.bus import MemoryBus
 from twin_server.__main__ import run
 from twin_server.settings import TwinSettings
@@ -73,6 +73,7 @@ def _feed(bus: MemoryBus, url: str) -> None:
         "learn_epochs": LEARN,
     }
     httpx.put(f"{url}/api/v1/twins/{TWIN}", json=body, timeout=60).raise_for_status()
+    bus.announce(alive_key(*TWIN.split(".")))  # else its sensors would be drawn as silent
     rng = np.random.default_rng(1)
     change = np.where(np.array(names) == GROUP, LOSS, 0.0)
     for sequence in range(LEARN + EPOCHS):

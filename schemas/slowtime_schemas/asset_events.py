@@ -19,6 +19,7 @@ Share = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
 Size = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
 Spread = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
 Change = Annotated[float, Field(ge=-1, le=1e6, allow_inf_nan=False)]
+Text = Annotated[str, StringConstraints(max_length=2_000), Plain]
 PersonName = Annotated[str, StringConstraints(min_length=1, max_length=100), Plain]
 QuantityName = Annotated[str, StringConstraints(min_length=1, max_length=200), Plain]
 MOST_POINTS = 64
@@ -116,7 +117,7 @@ class EventContent(Frozen):
             "null for all of the asset.",
         ),
     ] = None
-    text: Annotated[str, StringConstraints(max_length=2_000), Plain] = ""
+    text: Text = ""
     repair: Annotated[
         RepairResult | None, Field(description="Of a repair; null: nobody knows how much.")
     ] = None
@@ -181,6 +182,13 @@ def is_mass(quantity: str | None) -> bool:
     return quantity is not None and (quantity == "mass_change" or quantity.endswith(".mass"))
 
 
+class Correction(Frozen):
+    """The event that another one stands instead of, and why."""
+
+    event: EventName
+    text: Annotated[Text, Field(description="Reason of the correction.")] = ""
+
+
 class AssetEvent(EventContent, Message):
     """Something that has happened to an asset, as a person has told it."""
 
@@ -199,6 +207,15 @@ class AssetEvent(EventContent, Message):
     principal: Annotated[
         str, StringConstraints(max_length=200), Field(description="Whose token it was.")
     ] = ""
+    corrects: Annotated[
+        Correction | None,
+        Field(description="Event that this takes back and stands instead of."),
+    ] = None
+
+    @property
+    def supersedes(self) -> str | None:
+        """Name of the event that this one takes back or corrects."""
+        return self.reverses if self.corrects is None else self.corrects.event
 
     @model_validator(mode="after")
     def _has_one_time(self) -> Self:

@@ -11,9 +11,9 @@ from slowtime_cli.shared.offline_twin import offline_twin
 from twin_server.pipeline import (
     Alarms,
     AssetEvents,
+    ChangeHistory,
     CompositeRegistry,
     QuarantineDesk,
-    RegistrationHistory,
     TwinKnowledge,
 )
 from twin_server.registration.twin import Registration
@@ -63,10 +63,11 @@ def behind_the_door() -> Iterator[tuple[Any, dict[str, Any], dict[str, str]]]:
         pipeline.ingest(accepted(2_000, seed=7))
         knowledge = TwinKnowledge(pipeline, store)
         assert knowledge.counts().get("failed_batches", 0) == 0
+        told = AssetEvents(pipeline, store)
         app = create_app(
             knowledge, Passing(9, 99, 9), settings.serve, NoDiagnoses(),
-            alarm_service=Alarms(pipeline, store), events=AssetEvents(pipeline, store),
-            changes=RegistrationHistory(pipeline, store),
+            alarm_service=Alarms(pipeline, store), events=told,
+            changes=ChangeHistory(pipeline, store, told),
             composite_service=CompositeRegistry(pipeline, store),
             quarantine_service=QuarantineDesk(pipeline, store),
         )  # fmt: skip

@@ -5,7 +5,13 @@ from typing import Annotated, Any, NamedTuple, Self
 
 from pydantic import ConfigDict, Field, ValidationError, model_validator
 
-from slowtime_schemas.asset_events import AssetEvent, EventContent, EventName, PersonName
+from slowtime_schemas.asset_events import (
+    AssetEvent,
+    Correction,
+    EventContent,
+    EventName,
+    PersonName,
+)
 from slowtime_schemas.quantities import Finite
 from twin_server.orders import Moment, moment_ns
 
@@ -132,6 +138,7 @@ def accepted(
     now_ns: int,
     principal: str,
     latest_ns: int | None,
+    corrects: Correction | None = None,
 ) -> AssetEvent:
     """Make the message of an order that is accepted.
 
@@ -156,15 +163,38 @@ def accepted(
         slow_time=order.slow_time,
         person=order.person or principal,
         principal=principal,
+        corrects=corrects,
         **{name: getattr(order, name) for name in _CONTENT},
     )
 
 
+def content(event: AssetEvent) -> dict[str, Any]:
+    """Return what an event tells as `AssetEventOrder` takes it, but for id and person."""
+    told = event.model_dump(mode="json", include={*_CONTENT} - {"reverses"})
+    return told | {"at": event.happened_ns, "slow_time": event.slow_time}
+
+
 def effective(events: Iterable[AssetEvent]) -> list[AssetEvent]:
-    """Return the events that hold: neither withdrawn nor withdrawals."""
+    """Return the events that hold: neither withdrawn nor corrected nor withdrawals.
+
+    Parameters
+    ----------
+    events
+        All events of an asset, in the order of acceptance.
+
+    Returns
+    -------
+    The events in that order. A correction stands at the place of what it corrects, since the
+    order of two events after one reading matters: a repair, and an inspection of its result.
+    """
     every = list(events)
-    gone = {event.reverses for event in every if event.reverses is not None}
-    return [e for e in every if e.reverses is None and e.event not in gone]
+    gone = {event.supersedes for event in every}
+    place: dict[str, int] = {}
+    for count, event in enumerate(every):
+        corrects = event.corrects
+        place[event.event] = count if corrects is None else place.get(corrects.event, count)
+    holding = [e for e in every if e.reverses is None and e.event not in gone]
+    return sorted(holding, key=lambda event: place[event.event])
 
 
 def sentence(event: AssetEvent) -> str:
@@ -173,7 +203,11 @@ def sentence(event: AssetEvent) -> str:
         return f"{event.person} took back the event {event.reverses}.{_text(event)}"
     of = f" of {event.quantity}" if event.quantity is not None else ""
     found = f"{event.person}{_finding_text(event)}"
-    return f"{_WORDS[event.kind]}{of} recorded by {found}.{_text(event)}"
+    said = f"{_WORDS[event.kind]}{of} recorded by {found}.{_text(event)}"
+    if event.corrects is None:
+        return said
+    why = f": {event.corrects.text}" if event.corrects.text else "."
+    return f"{said} Corrects the event {event.corrects.event}{why}"
 
 
 def _text(event: AssetEvent) -> str:

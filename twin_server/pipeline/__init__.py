@@ -11,13 +11,14 @@ from .knowledge import LiveUpdates, TwinKnowledge
 from .monitoring.model_changes import ModelChangeMonitor
 from .quarantine import QuarantineDesk
 from .recordings import Recordings
-from .registration_changes import RegistrationHistory
+from .twin_changes import ChangeHistory
 from .workers.processes import CallerThread, WorkerPool, WorkerProcesses
 
 __all__ = [
     "Alarms",
     "AssetEvents",
     "CallerThread",
+    "ChangeHistory",
     "CompositeRegistry",
     "Diagnoses",
     "FeatureTraces",
@@ -27,7 +28,6 @@ __all__ = [
     "Pipeline",
     "QuarantineDesk",
     "Recordings",
-    "RegistrationHistory",
     "TwinKnowledge",
     "TwinUpdate",
     "UpdateListener",

@@ -1,10 +1,14 @@
 """Checks and records events of assets, and lists them with open questions."""
 
+import hashlib
+import itertools
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from slowtime_schemas.asset_events import AssetEvent
+from pydantic import ValidationError
+
+from slowtime_schemas.asset_events import AssetEvent, Correction
 from slowtime_services.clock import Clock, SystemClock
 from twin_server.events.asset_events import (
     MOST_KEPT,
@@ -12,12 +16,14 @@ from twin_server.events.asset_events import (
     AssetEventOrder,
     AssetEventRow,
     accepted,
+    content,
     effective,
     is_same,
     sentence,
 )
 from twin_server.events.deliveries import identity
 from twin_server.persist import Store
+from twin_server.registration.changes import Author
 from twin_server.registration.twin import Registration
 from twin_server.serve import ProblemError
 
@@ -25,6 +31,9 @@ from .ingestion.pipeline import Pipeline
 
 MOST_EVENTS = 10_000
 """Newest events of a twin among which questions are looked for."""
+
+LONGEST_FIRST = 56
+"""Longest id that a number is added to: ids of 64 characters and up to 10,000 events."""
 
 AHEAD_S = 60.0
 """How far ahead of server and readings the time of an event may be: clocks differ [s]."""
@@ -61,7 +70,7 @@ class AssetEvents:
         """Return all events of an asset, the newest first, and the questions about it."""
         rows = self._store.asset_events(twin_id)
         events = [row.message for row in rows]
-        taken_back = {e.reverses: e.event for e in events if e.reverses is not None}
+        taken_back = {e.supersedes: e.event for e in events if e.supersedes is not None}
         told = [
             self._event_document(twin_id, row, event, taken_back.get(event.event))
             for row, event in zip(rows, events, strict=True)
@@ -84,20 +93,88 @@ class AssetEvents:
                     "another-event",
                     f"An event with the id {order.event} is already recorded with other "
                     f"content: {sentence(before.message)} Give another id. To correct the "
-                    "recorded event, undo it (reverses) and record it again.",
+                    f"recorded event, POST /api/v1/twins/{twin_id}/changes.",
                 )
             told = self._event_document(
                 twin_id, before, before.message, _undone(rows, order.event)
             )
             return told, False
         self._check(twin_id, registration, order, rows)
+        return self._keep(twin_id, rows, order, principal), True
+
+    def correct(
+        self,
+        twin_id: str,
+        registration: Registration,
+        name: str,
+        after: Mapping[str, Any],
+        author: Author,
+    ) -> dict[str, Any]:
+        """Record an event instead of another one, which is taken back; return the new one.
+
+        Parameters
+        ----------
+        name
+            Event that is corrected.
+        after
+            New value of each field that is changed, as `AssetEventOrder` has it.
+
+        Raises
+        ------
+        ProblemError
+            Where that event does not hold, nothing would change, or the values do not fit.
+        """
+        return self._pipeline.call(
+            lambda: self._correct(twin_id, registration, name, after, author)
+        )
+
+    def _correct(
+        self,
+        twin_id: str,
+        registration: Registration,
+        name: str,
+        after: Mapping[str, Any],
+        author: Author,
+    ) -> dict[str, Any]:
+        rows = self._store.asset_events(twin_id)
+        was = _holding(name, rows, "body.event")
+        given = content(was) | dict(after)
+        for one, other in (("at", "slow_time"), ("slow_time", "at")):
+            if after.get(one) is not None and other not in after:
+                given[other] = None  # one time replaces the other
+        try:
+            order = AssetEventOrder.model_validate(
+                given | {"event": _successor(name, rows), "person": author.person}
+            )
+        except ValidationError as error:
+            fault = error.errors(include_url=False)[0]
+            where = ".".join(map(str, ("body", "after", *fault["loc"])))
+            raise ProblemError(422, "not-valid", f"At {where}: {fault['msg']}") from error
+        self._check(twin_id, registration, order, rows, "body.after")
+        told = order.model_copy(update={"person": None})
+        times = (order.at_ns, order.slow_time), (was.happened_ns, was.slow_time)
+        if is_same(told, was) and times[0] == times[1]:
+            raise ProblemError(
+                409, "nothing-changed", f"{name} says this already. Give other values."
+            )
+        correction = Correction(event=name, text=author.text)
+        return self._keep(twin_id, rows, order, author.principal, correction)
+
+    def _keep(
+        self,
+        twin_id: str,
+        rows: Sequence[AssetEventRow],
+        order: AssetEventOrder,
+        principal: str,
+        corrects: Correction | None = None,
+    ) -> dict[str, Any]:
         latest = self._store.history(twin_id, limit=1, newest=True).states
         now_ns = self._clock.now_ns()
         number = 1 + max((row.number for row in rows), default=0)
         last_ns = int(latest["t_ns"][0]) if len(latest) else None
-        event = accepted(order, twin_id, number, now_ns, principal, last_ns)
+        event = accepted(order, twin_id, number, now_ns, principal, last_ns, corrects)
         row = self._pipeline.record(event)
-        return self._event_document(twin_id, row, event, None), True
+        return self._event_document(twin_id, row, event, None)
 
     def _check(
         self,
@@ -105,6 +182,7 @@ class AssetEvents:
         registration: Registration,
         order: AssetEventOrder,
         rows: Sequence[AssetEventRow],
+        where: str = "body",
     ) -> None:
         """Refuse an event that does not fit the twin, its history, or earlier events."""
         if len(rows) >= MOST_KEPT:
@@ -119,22 +197,21 @@ class AssetEvents:
             raise ProblemError(
                 422,
                 "not-valid",
-                f"At body.quantity, {order.quantity:.80} was given. Allowed for {twin_id}: "
+                f"At {where}.quantity, {order.quantity:.80} was given. Allowed for {twin_id}: "
                 f"{', '.join(names)}; or leave it out for all of the asset.",
             )
         if order.measured is not None and order.quantity is None and len(names) > 1:
             raise ProblemError(
                 422,
                 "not-valid",
-                "At body.quantity, nothing was given with a measured value. Name the "
-                "quantity: "
-                f"{', '.join(names)}.",
+                f"At {where}.quantity, nothing was given with a measured value. Name the "
+                f"quantity: {', '.join(names)}.",
             )
-        self._check_time(twin_id, order)
+        self._check_time(twin_id, order, where)
         if order.reverses is not None:
-            _check_reverses(order.reverses, rows)
+            _holding(order.reverses, rows, "body.reverses")
 
-    def _check_time(self, twin_id: str, order: AssetEventOrder) -> None:
+    def _check_time(self, twin_id: str, order: AssetEventOrder, where: str) -> None:
         states = self._store.history(twin_id, limit=1, newest=True).states
         if order.at_ns is not None:
             last_ns = int(states["t_ns"][0]) if len(states) else 0
@@ -143,7 +220,7 @@ class AssetEvents:
                 raise ProblemError(
                     422,
                     "not-yet",
-                    f"At body.at, {order.at} was given, which is in the future. Record an "
+                    f"At {where}.at, {order.at} was given, which is in the future. Record an "
                     "event once it has happened.",
                 )
         if order.slow_time is not None and len(states):
@@ -152,7 +229,7 @@ class AssetEvents:
                 raise ProblemError(
                     422,
                     "not-yet",
-                    f"At body.slow_time, {order.slow_time:.9g} was given. Allowed: up to "
+                    f"At {where}.slow_time, {order.slow_time:.9g} was given. Allowed: up to "
                     f"{last:.9g}, that of the latest reading. Give `at` for a later "
                     "event, or leave both out.",
                 )
@@ -236,22 +313,41 @@ def quantities_of(registration: Registration) -> tuple[str, ...]:
 
 def _undone(rows: Sequence[AssetEventRow], name: str) -> str | None:
     every = (row.message for row in rows)
-    return next((event.event for event in every if event.reverses == name), None)
+    return next((event.event for event in every if event.supersedes == name), None)
 
 
-def _check_reverses(name: str, rows: Sequence[AssetEventRow]) -> None:
+def _holding(name: str, rows: Sequence[AssetEventRow], where: str) -> AssetEvent:
+    """Return an event that holds and may be undone or corrected."""
     found = next((row.message for row in rows if row.event == name), None)
     if found is None or found.reverses is not None:
         there = ", ".join(event.event for event in effective(row.message for row in rows))
         raise ProblemError(
             409,
             "no-such-event",
-            f"At body.reverses, {name} was given. Events that can be undone: "
+            f"At {where}, {name} was given. Events that can be undone or corrected: "
             f"{there[:500] or 'none'}. A note that undoes an event cannot be undone "
             "itself: record the event again, under another id.",
         )
-    by = _undone(rows, name)
-    if by is not None:
+    by = next((row.message for row in rows if row.message.supersedes == name), None)
+    if by is None:
+        return found
+    if by.corrects is not None:
         raise ProblemError(
-            409, "reversed-already", f"{name} was taken back by {by} already. That stays."
+            409,
+            "corrected-already",
+            f"{name} was corrected by {by.person} as {by.event} already. Undo or correct that.",
         )
+    raise ProblemError(
+        409, "reversed-already", f"{name} was taken back by {by.event} already. That stays."
+    )
+
+
+def _successor(name: str, rows: Sequence[AssetEventRow]) -> str:
+    """Make the id of a correction: that of the first event of the chain, and a number."""
+    corrects = {event.event: event.corrects for event in (row.message for row in rows)}
+    while (correction := corrects.get(name)) is not None:
+        name = correction.event
+    if len(name) > LONGEST_FIRST:
+        name = hashlib.sha256(name.encode()).hexdigest()[:32]
+    numbered = (f"{name}.{count}" for count in itertools.count(2))
+    return next(each for each in numbered if each not in corrects)

@@ -3,7 +3,7 @@
 import dataclasses
 from typing import Any
 
-from slowtime_schemas.registration_changes import SETTABLE
+from slowtime_schemas.twin_changes import SETTABLE
 
 from .twin import Registration
 

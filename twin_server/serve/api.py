@@ -39,10 +39,10 @@ from .routes import (
     plans,
     quarantine,
     recordings,
-    registration_changes,
     risks,
     shapes,
     simulations,
+    twin_changes,
     twins,
 )
 from .routes import events as event_routes
@@ -52,8 +52,8 @@ from .routes.diagnoses import DiagnosisService
 from .routes.holdings import routes as holding_routes
 from .routes.quarantine import QuarantineService
 from .routes.recordings import RecordingService
-from .routes.registration_changes import RegistrationChangeService
 from .routes.session import session
+from .routes.twin_changes import TwinChangeService
 from .routes.twin_path import registered_in
 from .state_rendering import json_response
 
@@ -98,7 +98,7 @@ def create_app(
     composite_service: CompositeService | None = None,
     quarantine_service: QuarantineService | None = None,
     holdings: Holdings | None = None,
-    changes: RegistrationChangeService | None = None,
+    changes: TwinChangeService | None = None,
 ) -> FastAPI:
     """Make the ASGI application of a twin server.
 
@@ -129,7 +129,7 @@ def create_app(
     holdings
         What is under way beside what the application itself counts.
     changes
-        Changes fields of registrations, and keeps who changed what.
+        Changes registrations and recorded events, and keeps who changed what.
     """
     if queue is None:
         queue = ComputeQueue(
@@ -184,9 +184,7 @@ def create_app(
     if events is not None:
         app.include_router(asset_events.routes(events, known), prefix="/api/v1")
     if changes is not None:
-        app.include_router(
-            registration_changes.routes(changes, known, changing), prefix="/api/v1"
-        )
+        app.include_router(twin_changes.routes(changes, known, changing), prefix="/api/v1")
     if quarantine_service is not None:
         app.include_router(quarantine.routes(quarantine_service, known), prefix="/api/v1")
     if composite_service is not None:

@@ -6,6 +6,7 @@ from pydantic import Field
 
 from slowtime_schemas.asset_events import (
     AssetEventKind,
+    Correction,
     DetectionResult,
     MeasuredChange,
     NewPart,
@@ -39,7 +40,8 @@ class AssetEventModel(RestAnswer):
     detection: DetectionResult | None
     conditions: dict[str, float]
     reverses: str | None = Field(description="Event that it takes back.")
-    reversed_by: str | None = Field(description="Event that takes it back.")
+    reversed_by: str | None = Field(description="Event that takes it back or corrects it.")
+    corrects: Correction | None = Field(None, description="Event that it stands instead of.")
     answers: str | None = Field(description="`event_id` of the question that it answers.")
 
 

@@ -6,6 +6,8 @@ from pydantic import ConfigDict, Field
 
 from .base import RestAnswer
 
+from slowtime_schemas.quantities import Estimate
+
 Vector = tuple[float, float, float]
 
 SHAPES_EXAMPLE: dict[str, Any] = {
@@ -18,8 +20,9 @@ SHAPES_EXAMPLE: dict[str, Any] = {
     "lines": [[0, 1]],
     "groups": ["legs"],
     "group_of_line": [0],
+    "changes": {"legs": {"value": -0.012, "sd": 0.011, "lo": -0.034, "hi": 0.01}},
     "changed": [],
-    "sensors": [{"channel": "a1", "node": 1, "along": [1.0, 0.0, 0.0]}],
+    "sensors": [{"channel": "a1", "node": 1, "along": [1.0, 0.0, 0.0], "measured": True}],
     "modes": [
         {
             "model_mode": 0, "model_hz": 2.98, "measured_hz": 2.987, "measured_sd_hz": 0.002,
@@ -37,6 +40,7 @@ class SensorMarkModel(RestAnswer):
     channel: str
     node: int = Field(description="Number of the node, counted from 0.")
     along: Vector
+    measured: bool = Field(description="Whether the epoch has readings of this channel.")
 
 
 class MotionModel(RestAnswer):
@@ -83,6 +87,9 @@ class ShapesModel(RestAnswer):
     lines: tuple[tuple[int, int], ...]
     groups: tuple[str, ...] = Field(description="Parameters that scale parts of the model.")
     group_of_line: tuple[int | None, ...]
+    changes: dict[str, Estimate] = Field(
+        description="Relative change of the stiffness of each group that the twin estimates."
+    )
     changed: tuple[str, ...] = Field(description="Groups that are suspected to have changed.")
     sensors: tuple[SensorMarkModel, ...]
     modes: tuple[SpatialModeModel, ...] = Field(description="In ascending frequency.")

@@ -18,7 +18,7 @@ from slowtime_schemas.answers.history import EventList, EventModel, HashModel, H
 from slowtime_schemas.answers.plans import FleetPlanModel, PlanModel
 from slowtime_schemas.answers.risks import RiskModel
 from slowtime_schemas.answers.twins import RegisteredTwin, State
-from slowtime_schemas.registration_changes import RegistrationChange, RegistrationChanges
+from slowtime_schemas.twin_changes import TwinChange, TwinChanges
 
 from .history import TwinHistory
 from .http import AnswerError, HttpConnection, UnreachableError
@@ -176,34 +176,37 @@ class Client:
         twin_id: str,
         after: Mapping[str, Any],
         *,
+        event: str | None = None,
         before: Mapping[str, Any] | None = None,
         person: str | None = None,
         text: str = "",
-    ) -> RegistrationChange:
-        """Change fields of a registration, such as ``{"alarms": [...]}``.
+    ) -> TwinChange:
+        """Change fields of a registration, such as ``{"alarms": [...]}``, or correct an event.
 
         Parameters
         ----------
+        event
+            Recorded event to be corrected, with ``after`` such as
+            ``{"repair": {"restored_share": 0.6}}``; another one is recorded instead of it.
         before
             Values that hold as far as the author knows; refused if others hold now.
         text
             Reason, kept with the change.
         """
-        body = {"after": dict(after), "before": dict(before or {}), "person": person}
-        return self._ask(
-            RegistrationChange, "POST", f"/twins/{twin_id}/changes", body=body | {"text": text}
-        )
+        body: dict[str, Any] = {"after": dict(after), "person": person, "text": text}
+        body |= {"event": event, "before": dict(before or {})}
+        return self._ask(TwinChange, "POST", f"/twins/{twin_id}/changes", body=body)
 
     def undo_change(
         self, twin_id: str, number: int, *, person: str | None = None, text: str = ""
-    ) -> RegistrationChange:
+    ) -> TwinChange:
         """Put back what a change has replaced; refused if it was changed again since."""
         body = {"reverses": number, "person": person, "text": text}
-        return self._ask(RegistrationChange, "POST", f"/twins/{twin_id}/changes", body=body)
+        return self._ask(TwinChange, "POST", f"/twins/{twin_id}/changes", body=body)
 
-    def changes(self, twin_id: str) -> tuple[RegistrationChange, ...]:
-        """Return the changes of a registration, with authors and values, the newest first."""
-        return self._ask(RegistrationChanges, "GET", f"/twins/{twin_id}/changes").changes
+    def changes(self, twin_id: str) -> tuple[TwinChange, ...]:
+        """Return changes of registration and events, with authors and values, newest first."""
+        return self._ask(TwinChanges, "GET", f"/twins/{twin_id}/changes").changes
 
     def delete(self, twin_id: str) -> None:
         """Forget a twin and its history."""

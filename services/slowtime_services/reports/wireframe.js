@@ -1,4 +1,5 @@
 // Mode shapes in space: a wireframe on a canvas, turned by dragging or by keys; without any library.
+// A scene may have changes of its groups, by which lines are coloured, and the health of its sensors.
 
 const CYCLE_S = 2.4, MOST_FPS = 30;
 const MARGIN_PX = 14, LEAST_HEIGHT_PX = 260, MOST_HEIGHT_PX = 560;
@@ -6,6 +7,11 @@ const MARGIN_PX = 14, LEAST_HEIGHT_PX = 260, MOST_HEIGHT_PX = 560;
 const LOWEST = 0.6, HIGHEST = 1.25;
 const TURN_PER_PX = 0.01, TURN_PER_KEY = Math.PI / 24;
 const VIEWS = { corner: [0.6, 0.35], front: [0, 0], side: [-Math.PI / 2, 0], above: [0, Math.PI / 2] };
+// Changes at which a colour is full, of which the least that holds all changes of a scene is taken [1].
+const FULL = [0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.5, 1];
+// Healths of a sensor, the worst first, with their signs: told apart by shape, and not by colour alone.
+const HEALTHS = { silent: "\u2715", missing: "\u25cb", measures: "\u25cf" };
+const DASH = [5, 4];
 const MINUS = "\u2212", NARROW = "\u202f";
 
 const make = (tag, text, name) => {
@@ -29,6 +35,10 @@ const ENGLISH = {
   chosen: "Mode {title}. {values}.", none: "No modes yet.", nodes: "A structure of {n} nodes in space.",
   legend_both: "Blue lines: model. Orange dots: measured at the sensors; a thin line joins each to the same point of the model.", legend_rest: "Pale lines: at rest.",
   legend_changed: "Thick orange lines: {elements}, suspected to have changed.",
+  legend_coloured: "Lines: model, coloured by the change of stiffness. Dots: measured at the sensors; a thin line joins each to the same point of the model.",
+  legend_suspected: "Suspected to have changed: {elements}.", change: "{name} {value} ({interval})", changes: "Changes: {changes}.",
+  key_loss: "loss of {share}", key_none: "no change", key_gain: "gain of {share}", key_sure: "thick: certain, the 95 % interval leaves out zero", key_unsure: "dashed: not certain", key_fixed: "thin: not estimated",
+  sensor_measures: "Sensor measures", sensor_missing: "Sensor missing from the reading", sensor_silent: "Sensor silent", sensors: "{health}: {names}.",
   legend_turn: "Drag sideways or press the arrow keys to rotate. Displacements are strongly exaggerated.",
 };
 const english = (key, values = {}) => ENGLISH[key].replace(/\{(\w+)\}/g, (_, name) => values[name]);
@@ -55,9 +65,27 @@ function colours(root) {
   const of = (name, light, night) => style.getPropertyValue(`--${name}`).trim() || (dark ? night : light);
   return {
     model: of("estimate", "#0072b2", "#56b4e9"), measured: of("inseparable", "#b04900", "#ff9a52"),
+    loss: of("inseparable", "#b04900", "#ff9a52"), gain: of("estimate", "#0072b2", "#56b4e9"), wrong: of("bad", "#8f2f0c", "#f6a182"),
     rest: of("line", "#d6dce0", "#353d43"), faint: of("faint", "#5c636a", "#a3aab1"), ink: of("ink", "#1c2024", "#e8eaec"),
   };
 }
+
+/** A colour between two of the form #rrggbb. */
+function mixed(from, to, share) {
+  const parts = [from, to].map((hex) => [1, 3, 5].map((at) => parseInt(hex.slice(at, at + 2), 16)));
+  return `#${parts[0].map((a, k) => Math.round(a + share * (parts[1][k] - a)).toString(16).padStart(2, "0")).join("")}`;
+}
+
+/** The largest change that a scene's colours have to show, rounded up. */
+const fullOf = (changes) => FULL.find((full) => Object.values(changes).every(({ value }) => Math.abs(value) <= full)) ?? FULL.at(-1);
+
+/** Whether a change is certain: its 95 % interval leaves out zero. */
+const isSure = ({ lo, hi }) => lo > 0 || hi < 0;
+
+const toneOf = ({ value }, full, tint) => mixed(tint.faint, value < 0 ? tint.loss : tint.gain, Math.min(1, Math.abs(value) / full));
+
+/** The worst health of the sensors at a node; undefined where it is not told. */
+const healthOf = (sensors, node) => Object.keys(HEALTHS).find((health) => sensors.some((one) => one.node === node && one.health === health));
 
 export class WireframeView {
   /** `spoken` gives the words of `ENGLISH` and numbers in another language, as `SPOKEN` does. */
@@ -74,7 +102,9 @@ export class WireframeView {
     this.told = make("p", undefined, "facts");
     this.told.setAttribute("aria-live", "polite");
     this.legend = make("p", undefined, "facts soft");
-    this.root.append(this.bar, this.canvas, this.told, this.legend);
+    this.keys = make("ul", undefined, "facts soft tones");
+    Object.assign(this.keys.style, { display: "flex", flexWrap: "wrap", gap: ".2rem 1.1rem", listStyle: "none", padding: "0" });
+    this.root.append(this.bar, this.canvas, this.keys, this.told, this.legend);
     this.listen();
     this.show(scene);
     this.run(!still);
@@ -154,18 +184,65 @@ export class WireframeView {
   choose(place) {
     this.place = place;
     this.choice.value = String(place);
-    const mode = this.scene.modes[place], { changed, modes } = this.scene, { words } = this.spoken;
+    const mode = this.scene.modes[place], { changed, modes, changes = {} } = this.scene, { words } = this.spoken;
     const text = mode ? words("chosen", { title: titleOf(mode, place, this.spoken), values: said(mode, this.spoken) }) : words("none");
     if (this.told.textContent !== text) this.told.textContent = text;
-    const both = modes.some((one) => one.points);
+    const both = modes.some((one) => one.points), coloured = Object.keys(changes).length > 0;
     this.legend.textContent = [
-      both ? words("legend_both") : words("legend_rest"),
-      changed.length ? words("legend_changed", { elements: changed.join(", ") }) : "",
+      words(!both ? "legend_rest" : coloured ? "legend_coloured" : "legend_both"),
+      changed.length ? words(coloured ? "legend_suspected" : "legend_changed", { elements: changed.join(", ") }) : "",
       words("legend_turn"),
     ].filter(Boolean).join(" ");
-    this.canvas.setAttribute("aria-label", `${text} ${words("nodes", { n: this.scene.nodes.length })}`);
+    this.key();
+    this.canvas.setAttribute("aria-label", [text, words("nodes", { n: this.scene.nodes.length }), ...this.inWords()].join(" "));
     Object.assign(this.canvas.dataset, { mode: place, nodes: this.scene.nodes.length, lines: this.scene.lines.length, points: mode?.points?.nodes.length ?? 0, changed: changed.join(" ") });
     this.draw();
+  }
+
+  /** Changes and sensors in words, for those who do not see the drawing. */
+  inWords() {
+    const { changes = {}, sensors } = this.scene, { words, digits } = this.spoken;
+    const percent = (share) => `${share > 0 ? "+" : ""}${digits(100 * share, 3)}${NARROW}%`;
+    const each = Object.entries(changes).map(([name, { value, lo, hi }]) => words("change", { name, value: percent(value), interval: `95${NARROW}%: ${percent(lo)} … ${percent(hi)}` }));
+    const groups = Object.keys(HEALTHS).map((health) => [health, sensors.filter((one) => one.health === health).map(({ channel }) => channel)]);
+    return [
+      ...(each.length ? [words("changes", { changes: each.join(", ") })] : []),
+      ...groups.filter(([, names]) => names.length).map(([health, names]) => words("sensors", { health: words(`sensor_${health}`), names: names.join(", ") })),
+    ];
+  }
+
+  /** What colours, strokes and dots mean; drawn as they are in the picture. */
+  key() {
+    const { changes = {}, sensors, group_of_line: groups } = this.scene, { words, digits } = this.spoken, tint = colours(this.root), entries = [];
+    const full = fullOf(changes), share = `${digits(100 * full, 3)}${NARROW}%`;
+    const stroke = (colour, style) => {
+      const mark = make("span");
+      Object.assign(mark.style, { display: "inline-block", width: "1.6rem", verticalAlign: "middle", marginRight: ".35rem", borderTop: `${style} ${colour}` });
+      return mark;
+    };
+    if (Object.keys(changes).length) {
+      entries.push(
+        [stroke(tint.loss, "4px solid"), words("key_loss", { share })], [stroke(tint.faint, "4px solid"), words("key_none")], [stroke(tint.gain, "4px solid"), words("key_gain", { share })],
+        [stroke(tint.ink, "4px solid"), words("key_sure")], [stroke(tint.ink, "2px dashed"), words("key_unsure")],
+      );
+      if (groups.some((group) => !(this.scene.groups[group] in changes))) entries.push([stroke(tint.faint, "1px solid"), words("key_fixed")]);
+    }
+    for (const health of Object.keys(HEALTHS).reverse()) {
+      if (!sensors.some((one) => one.health)) break;
+      const mark = make("span", HEALTHS[health]);
+      Object.assign(mark.style, { color: health === "measures" ? tint.ink : health === "silent" ? tint.wrong : tint.loss, marginRight: ".35rem" });
+      mark.setAttribute("aria-hidden", "true");
+      entries.push([mark, words(`sensor_${health}`)]);
+    }
+    this.keys.hidden = !entries.length;
+    this.keys.replaceChildren(...entries.map((parts) => {
+      const item = make("li");
+      item.append(...parts);
+      return item;
+    }));
+    const tones = Object.entries(changes).map(([name, change]) => [name, { tone: toneOf(change, full, tint), sure: isSure(change) }]);
+    const counts = Object.keys(HEALTHS).map((health) => [health, sensors.filter((one) => one.health === health).length]);
+    Object.assign(this.canvas.dataset, { tones: JSON.stringify(Object.fromEntries(tones)), sensors: JSON.stringify(Object.fromEntries(counts)) });
   }
 
   run(running) {
@@ -230,38 +307,60 @@ export class WireframeView {
     const rest = onScreen(all, null), moved = mode?.wire ? onScreen(all, mode.wire) : rest;
     this.lines(pen, rest, () => [tint.rest, 1, 1]);
     this.axes(pen, tint, height);
-    const changed = new Set(scene.changed.map((name) => scene.groups.indexOf(name)));
+    const changed = new Set(scene.changed.map((name) => scene.groups.indexOf(name))), { changes = {} } = scene, full = fullOf(changes);
     const deep = moved.map((at) => at[2]), [near, far] = [Math.max(...deep), Math.min(...deep)];
     // What is farther away is paler, which tells front from back without perspective.
-    if (mode?.wire) this.lines(pen, moved, (line, [a, b]) => {
-      const part = near > far ? ((deep[a] + deep[b]) / 2 - far) / (near - far) : 1, own = changed.has(scene.group_of_line[line]);
-      return [own ? tint.measured : tint.model, own ? 4 : 1.8, 0.45 + 0.55 * part];
+    const coloured = Object.keys(changes).length > 0;
+    if (mode?.wire || coloured) this.lines(pen, moved, (line, [a, b]) => {
+      const part = near > far ? ((deep[a] + deep[b]) / 2 - far) / (near - far) : 1, group = scene.group_of_line[line], strength = 0.45 + 0.55 * part;
+      if (!coloured) return changed.has(group) ? [tint.measured, 4, strength] : [tint.model, 1.8, strength];
+      const change = changes[scene.groups[group]];
+      if (!change) return [tint.faint, 1, strength];
+      return isSure(change) ? [toneOf(change, full, tint), 4, strength] : [toneOf(change, full, tint), 2, strength, DASH];
     });
     if (mode?.points) this.points(pen, mode.points, moved, onScreen(mode.points.nodes, mode.points), tint);
-    else for (const node of new Set(scene.sensors.map((one) => one.node))) this.dot(pen, moved[node], 3, tint.model);
+    const drawn = new Set(mode?.points?.nodes);
+    for (const node of new Set(scene.sensors.map((one) => one.node))) if (!drawn.has(node)) this.sensor(pen, moved[node], healthOf(scene.sensors, node), tint);
   }
 
   lines(pen, at, look) {
     this.scene.lines.forEach((ends, line) => {
-      const [first, last] = ends.map((node) => at[node]), [colour, thick, strength] = look(line, ends);
-      Object.assign(pen, { strokeStyle: colour, lineWidth: thick, globalAlpha: strength, lineCap: "round" });
+      const [first, last] = ends.map((node) => at[node]), [colour, thick, strength, dash = []] = look(line, ends);
+      Object.assign(pen, { strokeStyle: colour, lineWidth: thick, globalAlpha: strength, lineCap: dash.length ? "butt" : "round" });
+      pen.setLineDash(dash);
       pen.beginPath();
       pen.moveTo(first[0], first[1]);
       pen.lineTo(last[0], last[1]);
       pen.stroke();
     });
     pen.globalAlpha = 1;
+    pen.setLineDash([]);
   }
 
   points(pen, { nodes }, moved, seen, tint) {
-    Object.assign(pen, { strokeStyle: tint.measured, lineWidth: 1.5 });
     nodes.forEach((node, k) => {
+      const health = healthOf(this.scene.sensors, node);
+      Object.assign(pen, { strokeStyle: health ? tint.ink : tint.measured, lineWidth: 1.5 });
       pen.beginPath();
       pen.moveTo(moved[node][0], moved[node][1]);
       pen.lineTo(seen[k][0], seen[k][1]);
       pen.stroke();
-      this.dot(pen, seen[k], 3.5, tint.measured);
+      this.sensor(pen, seen[k], health, tint, tint.measured);
     });
+  }
+
+  /** The dot of a sensor; one whose health nobody tells is a plain one. */
+  sensor(pen, [x, y], health, tint, plainly = tint.model) {
+    if (!health || health === "measures") return this.dot(pen, [x, y], 3.5, health ? tint.ink : plainly);
+    const colour = health === "silent" ? tint.wrong : tint.loss, r = 4;
+    Object.assign(pen, { strokeStyle: colour, lineWidth: 2 });
+    pen.beginPath();
+    if (health === "missing") pen.arc(x, y, r, 0, 2 * Math.PI);
+    else for (const way of [1, -1]) {
+      pen.moveTo(x - r, y - way * r);
+      pen.lineTo(x + r, y + way * r);
+    }
+    pen.stroke();
   }
 
   dot(pen, [x, y], radius, colour) {

@@ -12,8 +12,15 @@ from slowtime_schemas.streams import ASSET_EVENT, FATIGUE
 from slowtime_services.bus import MemoryBus, Sample
 from twin_server.events.asset_events import QUESTION, TOLD, AssetEventOrder
 from twin_server.persist import SqliteStore, StoreError
-from twin_server.pipeline import AssetEvents, ModelChangeMonitor, Pipeline, TwinKnowledge
+from twin_server.pipeline import (
+    AssetEvents,
+    ChangeHistory,
+    ModelChangeMonitor,
+    Pipeline,
+    TwinKnowledge,
+)
 from twin_server.pipeline.analysis.forecast_cache import ForecastCache
+from twin_server.registration.changes import Author
 from twin_server.registration.twin import Registration
 from twin_server.serve import Moment, ProblemError
 from twin_server.settings import TwinSettings
@@ -189,6 +196,8 @@ def test_a_recording_with_events_replays_to_the_same_history_bit_for_bit(opened,
     record(asset_events, {"event": "i1", "kind": "inspection", "detection": scan})
     pipeline.ingest(stream[80:])
     record(asset_events, {"event": "u1", "kind": "note", "reverses": "i1"})
+    text = {"text": "Bolts of the base."}
+    asset_events.correct(TWIN, BEAM, "r1", text, Author("bob", "Bob", "Which bolts."))
     key = ASSET_EVENT.key("lab", "beam")
     bodies = [row.body.encode() for row in store.asset_events(TWIN)]
 
@@ -196,11 +205,14 @@ def test_a_recording_with_events_replays_to_the_same_history_bit_for_bit(opened,
     replayed = [Sample(key, body, None, True) for body in bodies]
     # As in a recording, each between the features that it came between; then all once more.
     again.ingest([*stream[:60], replayed[0], *stream[60:80], replayed[1], *stream[80:]])
-    again.ingest([replayed[2], *replayed])
+    again.ingest([*replayed[2:], *replayed])
     assert other.digest(TWIN) == store.digest(TWIN)
     assert [row.body for row in other.asset_events(TWIN)] == [
         row.body for row in store.asset_events(TWIN)
     ]
+    (change,) = ChangeHistory(again, other, AssetEvents(again, other)).listed(TWIN)["changes"]
+    assert (change["event"], change["text"], change["person"]) == ("r1", "Which bolts.", "Bob")
+    assert change["changes"] == [{"field": "text", "before": "Bolts.", "after": text["text"]}]
     np.testing.assert_array_equal(
         ahead(pipeline, store)["stiffness_change"],
         ahead(again, other)["stiffness_change"],

@@ -325,7 +325,7 @@ def test_every_route_is_described_with_an_example(server):
         "State", "TwinModel", "Registration", "ModesModel", "DiagnosisOrder", "DiagnosisModel",
         "GapModel", "ForecastModel", "CrossingModel", "SimulationOrder", "SimulationModel",
         "HeadList", "AssetEventOrder", "RiskModel", "PlanModel", "Composite", "CompositeModel",
-        "FatigueModel", "VirtualModel", "AsideModel", "RegistrationChangeOrder",
+        "FatigueModel", "VirtualModel", "AsideModel", "TwinChangeOrder",
     ):  # fmt: skip
         assert document["components"]["schemas"][name]["examples"]
 

@@ -45,7 +45,8 @@ def spatial_scene(
 
     Returns
     -------
-    Scene of the viewer; None where the model has no geometry.
+    Scene of the viewer, with the change of each group and whether each sensor has measured;
+    None where the model has no geometry.
     """
     geometry = getattr(registration.model, "geometry", None)
     if registration.model is None or geometry is None:
@@ -58,12 +59,17 @@ def spatial_scene(
     motions = stored_motions(geometry, structure.dof_names) @ shapes[:, :count]
     displacements = motions.T.reshape(count, len(geometry.nodes), 3)
     changed = [word for said in state.get("suspects", ()) for word in _names(said)]
-    return scene_of(
+    scene = scene_of(
         wireframe_of_geometry(geometry),
         ModelShapes(frequencies[:count], displacements),
         measured,
         changed=changed,
     )
+    elements, channels = state.get("elements") or {}, state.get("channels") or ()
+    scene["changes"] = {name: elements[name] for name in scene["groups"] if name in elements}
+    for sensor in scene["sensors"]:
+        sensor["measured"] = sensor["channel"] in channels
+    return scene
 
 
 def _names(suspect: str) -> list[str]:

@@ -1,15 +1,15 @@
 // Beside an alarm: a button by which somebody says that they have seen it, and who has.
 import { t } from "./language.js";
 import { send } from "./link.js";
+import { translated } from "./sentences.js";
 import { button, explain, make, say } from "./words.js";
 
 export class Acknowledging {
   constructor(base, event) {
     this.path = `${base}/alarms/${event.event_id}/acknowledge`;
     this.root = make("span", undefined, "acknowledging");
-    this.open = button(t("acknowledging.acknowledge"), () => this.ask());
-    this.open.classList.add("writes");
-    this.open.setAttribute("aria-label", t("acknowledging.of", { event: event.message }));
+    this.open = button(t("acknowledging.acknowledge"), () => this.ask(), "writes");
+    this.open.setAttribute("aria-label", t("acknowledging.of", { event: translated(event.message) ?? event.message }));
     this.seen = make("span", "", "seen");
     this.seen.tabIndex = -1;
     this.root.append(this.open, this.seen);

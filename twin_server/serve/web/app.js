@@ -8,7 +8,7 @@ import { Recordings } from "./recordings.js";
 import { where } from "./route.js";
 import { Twin } from "./twin.js";
 import { UnderWay } from "./under_way.js";
-import { english, explain, make, say } from "./words.js";
+import { composed, explain, make, say } from "./words.js";
 
 const LIST_MS = 2000, DRAW_MS = 500, REST = 2;
 const $ = (id) => document.getElementById(id);
@@ -104,7 +104,7 @@ async function refresh() {
   } catch (error) {
     if (error.status === 401) return whoAsks();
     lostAt ??= new Date();
-    const why = error.status ? parts("app.server_error", { why: english(make("span", error.message)) }) : [t("app.connection_lost")];
+    const why = error.status ? parts("app.server_error", { why: composed("span", error.message) }) : [t("app.connection_lost")];
     const since = known ? [" ", t("app.known_at", { time: lostAt.toLocaleTimeString(locale) })] : [];
     $("lost").replaceChildren(...why, ...since, " ", t("app.look_at_server"));
     say($("connection"), "bad", t("app.reconnecting"));

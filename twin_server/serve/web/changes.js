@@ -1,7 +1,8 @@
-// Who changed limits and costs of a twin, when, from what to what; each change can be undone.
+// Who changed limits, costs and recorded events of a twin, when, from what to what; each change can be undone.
 import { locale, t } from "./language.js";
 import { rowsOf, said } from "./limit_words.js";
 import { ask, send } from "./link.js";
+import { saidOf } from "./recorded_words.js";
 import { button, english, explain, make, say } from "./words.js";
 
 /** `[path, value]` of all that a value holds. */
@@ -38,7 +39,8 @@ export class Changes {
 
   /** An event says that there is a new change. */
   tell({ events, at }) {
-    const key = `${events.findLast(({ kind }) => kind === "registered")?.number} ${Boolean(at)}`;
+    const last = events.findLast(({ kind, details }) => kind === "registered" || details?.corrects);
+    const key = `${last?.number} ${Boolean(at)}`;
     if (this.told === key) return;
     [this.told, this.past] = [key, Boolean(at)];
     this.refresh();
@@ -58,23 +60,32 @@ export class Changes {
   }
 
   item(change) {
-    const { number, t_ns: time, person, principal, text, changes, others, reverses, reversed_by: by } = change;
+    const { number, t_ns: time, person, principal, text, changes, others, event, recorded_as: now, reverses, reversed_by: by } = change;
     const item = make("li"), when = make("span", new Date(time / 1e6).toLocaleString(locale), "when");
     item.dataset.number = number;
     const who = person === principal ? person : t("changes.for", { person, principal });
     item.append(when, " ", make("strong", who), text ? `: ${text}` : "");
     if (reverses !== null) item.append(" ", make("span", t("changes.undoes", { number: reverses }), "severity"));
-    item.append(...changes.flatMap(linesOf), ...others.map((name) => english(make("div", name))));
+    item.append(...(event === null ? changes.flatMap(linesOf) : this.correction(event, now)), ...others.map((name) => english(make("div", name))));
     if (by !== null) {
       item.classList.add("reversed");
       item.append(make("span", t("changes.undone", { number: by }), "severity"));
     } else if (!others.length && !this.past) {
-      const undo = button(t("form.undo"), () => this.undo(number, this.answer));
-      undo.classList.add("writes");
+      const undo = button(t("form.undo"), () => this.undo(number, this.answer), "writes");
       undo.setAttribute("aria-label", t("changes.undo", { number, person }));
       item.append(undo);
     }
     return item;
+  }
+
+  /** What a corrected event said, and what the event says that was recorded instead. */
+  correction(...names) {
+    const { events } = this.twin.recorded;
+    return names.map((name, i) => {
+      const line = make("div"), found = events.find(({ event }) => event === name);
+      line.append(make(i ? "ins" : "del", found ? saidOf(found) : name));
+      return line;
+    });
   }
 
   /** Send a change; what the twin is now is shown at once. */
@@ -105,7 +116,7 @@ export class Changes {
     try {
       const { number } = await this.give(order);
       say(answer, "good", t("changes.saved"));
-      answer.append(" ", button(t("form.undo"), () => this.undo(number, answer)));
+      answer.append(" ", button(t("form.undo"), () => this.undo(number, answer), "writes"));
       return true;
     } catch (error) {
       answer.dataset.state = "bad";

@@ -2,7 +2,7 @@
 import { parts, t } from "./language.js";
 import { ask } from "./link.js";
 import { toTwin } from "./route.js";
-import { button, digits, english, explain, interval95, make, number, powered, range, say, unitOf } from "./words.js";
+import { button, composed, digits, explain, interval95, make, number, powered, range, say, unitOf } from "./words.js";
 
 const LIST_MS = 10000, MOST_ROWS = 50;
 const IMPORTANCE = [t("composites.twin"), t("composites.probability"), t("composites.birnbaum"), t("composites.criticality"), t("composites.fussell_vesely")];
@@ -149,8 +149,8 @@ class Composite {
 
   reasons(reasons) {
     if (!reasons.length) return null;
-    const list = english(make("ul", undefined, "facts reasons"));
-    list.append(...reasons.map((reason) => make("li", reason)));
+    const list = make("ul", undefined, "facts reasons");
+    list.append(...reasons.map((reason) => composed("li", reason)));
     return list;
   }
 }

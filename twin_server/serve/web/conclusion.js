@@ -1,6 +1,6 @@
 // Whether anything is wrong: the server's conclusion of each twin, and of a fleet the most urgent of them, in words.
 import { language, t } from "./language.js";
-import { digits, english, make, suspected, titleOf, whenOf } from "./words.js";
+import { composed, digits, make, suspected, titleOf, whenOf } from "./words.js";
 
 const MOODS = { act: "bad", watch: "waiting", cannot_say: "waiting", no: "good" };
 const SIGNS = { act: "\u25b2", watch: "\u25b3", cannot_say: "\u25cb", no: "\u2713" };
@@ -66,7 +66,7 @@ export function showConclusion(element, state, at, events) {
   const said = kindsOf(state, events).map(([kind, words]) => {
     const item = make("li", `${words[0].toLocaleUpperCase(language)}${words.slice(1)}.`);
     const details = WHOLE.includes(kind) ? [] : findings.filter((one) => one.kind === kind);
-    for (const { text } of details) item.append(" ", english(make("span", text, "interval")));
+    for (const { text } of details) item.append(" ", composed("span", text, "interval"));
     return item;
   });
   const next = findings.length ? [" ", make("em", t("conclusion.next", { act: t(`next.${findings[0].kind}`) }))] : [], list = make("ul");

@@ -23,8 +23,7 @@ export class Costs {
     this.changes = changes;
     this.root = make("details", undefined, "costs");
     [this.summary, this.place, this.answer] = [make("summary", t("costs.none")), make("div"), make("p", "", "answer")];
-    this.open = button(t("costs.change"), () => this.edit());
-    this.open.classList.add("writes");
+    this.open = button(t("costs.change"), () => this.edit(), "writes");
     this.answer.setAttribute("role", "status");
     this.root.append(this.summary, make("p", t("costs.note"), "facts"), this.open, this.place, this.answer);
   }

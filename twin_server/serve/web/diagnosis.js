@@ -4,7 +4,7 @@ import { t } from "./language.js";
 import { ask, send } from "./link.js";
 import { Overlay } from "./overlay.js";
 import { draw } from "./svg.js";
-import { button, english, explain, make, number, say } from "./words.js";
+import { button, composed, english, explain, make, number, say } from "./words.js";
 
 const WIDTH = 320, HEIGHT = 64, SHOWN = 60, EVERY_MS = 1500, UNDER_WAY_MS = 400;
 const UNDER_WAY = ["queued", "running"];
@@ -69,7 +69,7 @@ export class Diagnosis {
   }
 
   tools() {
-    const tools = make("p", undefined, "orders"), label = make("label", `${t("diagnosis.samples")} `), quick = make("label");
+    const tools = make("div", undefined, "orders"), orders = make("p", undefined, "orders writes"), label = make("label", `${t("diagnosis.samples")} `), quick = make("label");
     this.seconds = make("input");
     Object.assign(this.seconds, { type: "number", min: 5, max: 3600, value: 40, step: 5 });
     label.append(this.seconds, " s");
@@ -81,7 +81,8 @@ export class Diagnosis {
       raw: { duration_s: Number(this.seconds.value) }, quick: this.quick.checked,
     })), label, quick);
     this.slow = button(t("diagnosis.find_driver"), () => this.start({ clock: "slow" }));
-    tools.append(this.fast, this.slow);
+    orders.append(this.fast, this.slow);
+    tools.append(orders, make("p", t("access.diagnoses"), "facts for-viewers"));
     return tools;
   }
 
@@ -119,7 +120,7 @@ export class Diagnosis {
     say(this.pill, off ? "" : GAP_STATES[gap.state], off ? "" : t(`gap.${gap.state}`));
     this.pill.hidden = off;
     const usual = gap.expected ? [` ${t("diagnosis.usual", { expected: percent(gap.expected), limit: percent(gap.limit) })}`] : [];
-    this.sentence.replaceChildren(english(make("span", gap.sentence)), ...usual);
+    this.sentence.replaceChildren(composed("span", gap.sentence), ...usual);
     const last = gap.readings.at(-1);
     if (last) [this.root.dataset.nominal, this.root.dataset.inUse] = [last.nominal, last.in_use];
     const key = `${last?.t_ns} ${gap.state}`;
@@ -174,11 +175,11 @@ export class Diagnosis {
     row.state = state;
     const base = `${this.twin.base}/diagnoses/${one.number}`, post = (word) => () => this.attempt(() => send(`${base}/${word}`, "POST"));
     const acts = [];
-    if (under) acts.push(button(t("form.cancel"), () => this.attempt(() => send(base, "DELETE"))));
+    if (under) acts.push(button(t("form.cancel"), () => this.attempt(() => send(base, "DELETE")), "writes"));
     if (one.state === "done") {
       if (!row.found.childElementCount) this.show(row, one, base);
-      if (one.report.effects.length && !one.adopted) acts.push(button(t("diagnosis.adopt"), post("adopt")));
-      if (one.adopted && one.number === adopted) acts.push(button(t("form.undo"), post("undo")));
+      if (one.report.effects.length && !one.adopted) acts.push(button(t("diagnosis.adopt"), post("adopt"), "writes"));
+      if (one.adopted && one.number === adopted) acts.push(button(t("form.undo"), post("undo"), "writes"));
       if (one.adopted) acts.push(make("span", t("diagnosis.adopted"), "facts"));
       acts.push(this.opener(row, base), ...this.links(base, one.report.clock === "slow"));
     }
@@ -188,7 +189,7 @@ export class Diagnosis {
   /** Of the newest, model and measurement are drawn at once. */
   show(row, { report }, base) {
     const { item } = row;
-    const words = english(make("p", report.sentence, "verdict"));
+    const words = composed("p", report.sentence, "verdict");
     words.dataset.state = report.effects.length ? "bad" : "good";
     row.overlay = new Overlay(`${base}/charts.json`, report.when);
     row.found.append(words, gapBars(report), findingOf(report), row.overlay.root);

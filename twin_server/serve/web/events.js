@@ -1,8 +1,15 @@
 // What has happened to a twin, the newest first; alarms are acknowledged here, and routes are seen and tried.
 import { Acknowledging } from "./acknowledging.js";
 import { parts, t } from "./language.js";
+import { saidOf } from "./recorded_words.js";
 import { Routes } from "./routes.js";
-import { english, make, whenOf } from "./words.js";
+import { composed, make, whenOf } from "./words.js";
+
+/** What has happened, in the language of the page: what somebody has recorded by its parts, all else by the server's sentence. */
+function said({ kind, message, details }) {
+  if (kind !== "asset_event") return composed("span", message);
+  return make("span", saidOf({ quantity: null, reverses: null, text: "", ...details, person: details.by }));
+}
 
 export class Events {
   constructor() {
@@ -20,7 +27,7 @@ export class Events {
     const newest = events.at(-1), key = `${newest?.number} ${events.length} ${Boolean(at)}`;
     if (this.told === key) return;
     this.told = key;
-    const last = newest && { n: events.length, time: whenOf(newest, latest), event: english(make("span", newest.message)) };
+    const last = newest && { n: events.length, time: whenOf(newest, latest), event: said(newest) };
     this.summary.replaceChildren(...(last ? parts("events.summary", last) : [t("events.none")]));
     this.root.dataset.severity = newest?.severity ?? "info";
     const seen = new Map(events.filter(({ kind }) => kind === "alarm_acknowledged").map(({ details }) => [details.event_id, details]));
@@ -39,7 +46,7 @@ export class Events {
   item(base, event) {
     const root = make("li"), when = make("span", "", "when");
     root.dataset.severity = event.severity;
-    root.append(when, make("span", t(`severity.${event.severity}`), "severity"), english(make("span", event.message)));
+    root.append(when, make("span", t(`severity.${event.severity}`), "severity"), said(event));
     const acknowledging = event.severity === "alarm" ? new Acknowledging(base, event) : null;
     if (acknowledging) root.append(acknowledging.root);
     const item = { root, when, acknowledging };

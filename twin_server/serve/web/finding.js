@@ -1,6 +1,6 @@
 // What a diagnosis has found, in words and numbers: effects with their parameters, rivals, and where it looked.
 import { parts, t } from "./language.js";
-import { digits, english, make, number, range } from "./words.js";
+import { composed, digits, english, make, number, range } from "./words.js";
 
 const spaced = (name) => name.replaceAll("_", " ");
 const placed = ({ kind, id }) => kind === "base" ? t("place.base") : t(`place.${kind}`, { id });
@@ -62,7 +62,7 @@ export function findingOf({ effects, where = [], when, experiment }) {
     const spans = (list, unit) => list.slice(0, 6).map(([from, to]) => `${range(few(from), few(to))}\u202f${unit}`).join(", ");
     const said = [
       when.times_s?.length && t("finding.times", { spans: spans(when.times_s, "s") }), when.bands_hz?.length && t("finding.bands", { spans: spans(when.bands_hz, "Hz") }),
-      when.amplitude && english(make("span", when.amplitude)), when.steady === false && t("finding.unsteady"),
+      when.amplitude && composed("span", when.amplitude), when.steady === false && t("finding.unsteady"),
     ];
     const told = make("p", undefined, "facts");
     told.append(...said.filter(Boolean).flatMap((part, i) => i ? [" ", part] : [part]));
@@ -70,7 +70,7 @@ export function findingOf({ effects, where = [], when, experiment }) {
   }
   if (experiment) {
     const told = make("p", undefined, "facts");
-    told.append(...parts("finding.experiment", { experiment: english(make("span", experiment)) }));
+    told.append(...parts("finding.experiment", { experiment: composed("span", experiment) }));
     root.append(told);
   }
   return root;

@@ -7,7 +7,7 @@ import { ask } from "./link.js";
 import { toTwin } from "./route.js";
 import { sparkline } from "./sparkline.js";
 import { historyOf } from "./window.js";
-import { ago, button, english, interval95, make, say, spoken, standing, titleOf } from "./words.js";
+import { ago, button, composed, interval95, make, say, spoken, standing, titleOf } from "./words.js";
 
 const LATEST = 1000, SPARK_POINTS = 200, MOST_CARDS = 100, FINDABLE = 9, RELOAD_MS = 60000, PLAN_MS = 300000;
 const WORD = {
@@ -153,7 +153,7 @@ export class Fleet {
     const told = await ask("/api/v1/fleet/plan?window_d=30", PLAN_MS).catch(() => null);
     if (!told) return;
     this.visits.hidden = false;
-    this.visits.replaceChildren(...parts("fleet.visits", { plan: english(make("span", told.sentence)) }));
+    this.visits.replaceChildren(...parts("fleet.visits", { plan: composed("span", told.sentence) }));
   }
 
   /** What is urgent comes first; among equals the order of registration stays, so that nothing jumps about. */

@@ -37,12 +37,20 @@ export const language = negotiated([asked(), remembered(), ...navigator.language
 /** The tag by which numbers and dates are written: a region of the browser's, where it speaks this language. */
 export const locale = navigator.languages.find((tag) => tag.split("-")[0] === language.split("-")[0]) ?? language;
 
-const messages = { ...await english, ...(language === FALLBACK ? {} : await fetched(language).catch(() => ({}))) };
+const own = language === FALLBACK ? {} : await fetched(language).catch(() => ({}));
+const messages = { ...await english, ...own };
 const plurals = new Intl.PluralRules(language);
-const POINT = new Intl.NumberFormat(language).formatToParts(0.5).find(({ type }) => type === "decimal").value;
+const signOf = (sought) => new Intl.NumberFormat(language).formatToParts(12345.5).find(({ type }) => type === sought)?.value ?? "";
+const POINT = signOf("decimal"), GROUP = signOf("group");
+
+/** English sentence of the server → that of this language; `{names}` stand for its values. */
+export const sentences = own.sentences ?? {};
 
 /** A number that JavaScript has written, as the language writes it: its decimal sign, and a true minus sign. */
 export const localized = (text) => text.replaceAll("-", MINUS).replace(".", POINT);
+
+/** A number that the server has written for English readers, with the signs of this language. */
+export const grouped = (text) => text.replace(/[.,]/g, (sign) => sign === "." ? POINT : GROUP);
 
 /** A count with its thousands set apart. */
 export const counted = (n) => n.toLocaleString(locale);

@@ -1,8 +1,8 @@
 // The limits of a twin: those that raise an alarm, and those whose time is foretold; changed and put back by those who may.
 import { authorIn } from "./form_fields.js";
 import { t } from "./language.js";
-import { rowsOf, said, scaleOf } from "./limit_words.js";
-import { button, make, titleOf } from "./words.js";
+import { nameOf, rowsOf, said, scaleOf } from "./limit_words.js";
+import { button, make } from "./words.js";
 
 const SIDES = { below: t("limits.below"), above: t("limits.above"), at: t("limits.at") };
 const CERTAINTY = 0.975;
@@ -10,7 +10,7 @@ const CERTAINTY = 0.975;
 /** What can have a limit: what is measured, and what the twin estimates. */
 function quantitiesOf({ registration: { changes }, elements }) {
   const estimated = changes === "elements" ? ["elements", ...Object.keys(elements ?? {})] : changes === "both" ? ["stiffness_change", "mass_change"] : [`${changes}_change`];
-  return Object.fromEntries([...estimated, "frequency_hz", "damping_ratio"].map((name) => [name, name === "elements" ? t("limits.any_element") : titleOf(name)]));
+  return Object.fromEntries([...estimated, "frequency_hz", "damping_ratio"].map((name) => [name, nameOf(name)]));
 }
 
 function choice(of, chosen, label) {
@@ -32,8 +32,7 @@ export class Limits {
     this.root = make("details", undefined, "limits");
     this.summary = make("summary", t("limits.none"));
     [this.list, this.place] = [make("ul"), make("div")];
-    this.open = button(t("limits.change"), () => this.edit());
-    this.open.classList.add("writes");
+    this.open = button(t("limits.change"), () => this.edit(), "writes");
     this.answer = make("p", "", "answer");
     this.answer.setAttribute("role", "status");
     this.root.append(this.summary, this.list, this.open, this.place, this.answer);

@@ -1,8 +1,9 @@
 // Where a twin is heading, in words: when each threshold is reached, and how far the readings say anything.
 import { isNear, stepOf } from "./buckets.js";
 import { t } from "./language.js";
+import { translated } from "./sentences.js";
 import { TrackRecord } from "./track_record.js";
-import { atTime, describeRow, digits, english, foretold, make, number, slowTime, titleOf, unitOf } from "./words.js";
+import { atTime, composed, describeRow, digits, foretold, make, number, slowTime, titleOf, unitOf } from "./words.js";
 
 const NARROW = "\u202f", JUMPS_SAID = 2, LAWS_SAID = 3;
 const percent = (x, places = 0) => `${number(100 * x, places)}${NARROW}%`;
@@ -20,8 +21,9 @@ function curve({ cdf, median, horizon, sentence }) {
   svg.setAttribute("viewBox", `0 0 ${WIDE} ${HIGH}`);
   svg.setAttribute("class", "cdf");
   svg.setAttribute("role", "img");
-  svg.setAttribute("aria-label", sentence);
-  svg.setAttribute("lang", "en");
+  const said = translated(sentence);
+  svg.setAttribute("aria-label", said ?? sentence);
+  if (said === null) svg.setAttribute("lang", "en");
   if (!cdf?.slow_time.length) return svg;
   const from = cdf.slow_time[0], span = horizon - from || 1;
   const x = (time) => (WIDE * (time - from)) / span, y = (share) => 1 + (HIGH - 2) * (1 - share);
@@ -39,7 +41,7 @@ function curve({ cdf, median, horizon, sentence }) {
 
 /** "linear drift 62 %, Wiener 14 %" */
 const lawsOf = (laws) => Object.entries(laws ?? {}).slice(0, LAWS_SAID).filter(([, share]) => share >= 0.05)
-  .map(([name, share]) => `${name} ${percent(share)}`).join(", ");
+  .map(([name, share]) => `${translated(name) ?? name} ${percent(share)}`).join(", ");
 
 const likelyBy = (percentage) => t("outlook.likely_by", { probability: `${percentage}${NARROW}%` });
 const HEADS = [t("outlook.time_to"), ...[10, 50, 90].map(likelyBy), t("outlook.within"), t("outlook.course"), t("outlook.laws"), t("outlook.track")];
@@ -58,7 +60,7 @@ function row(crossing, since, at) {
     const said = slow_time === null ? t("risk.not_within") : passed && slow_time <= since ? t("outlook.passed") : at(foretold(slow_time, since));
     return make("td", said);
   });
-  const plot = make("td"), laws = english(make("td", lawsOf(crossing.laws), "laws")), record = make("td", cameTrue(crossing), "track");
+  const plot = make("td"), laws = make("td", lawsOf(crossing.laws), "laws"), record = make("td", cameTrue(crossing), "track");
   plot.append(curve(crossing));
   row.append(title, ...cells, make("td", t("outlook.within_by", { probability: percent(crossing.within), time: at(crossing.horizon) })), plot, laws, record);
   // On a telephone, where a row is a list, each cell carries its heading.
@@ -97,7 +99,7 @@ export class Outlook {
   /** Why there is no newer forecast: words of the page, then of the server. */
   why({ words = "", why = "" }) {
     const text = [words, why].filter(Boolean).join(" ");
-    if (this.trouble.textContent !== text) this.trouble.replaceChildren(words && why ? `${words} ` : words, english(make("span", why)));
+    if (this.trouble.textContent !== text) this.trouble.replaceChildren(words && why ? `${words} ` : words, composed("span", why));
   }
 
   tell({ forecast, latest, unforeseen, renewed, points, base, at: past }) {
@@ -118,7 +120,7 @@ export class Outlook {
       .map(([name, times]) => `${titleOf(name)}: ${saidOf(times, at)}`);
     const warnings = forecast.warnings ?? [];
     const until = t("outlook.beyond", { time: at(forecast.until) });
-    const said = [t("outlook.since", { time: at(forecast.since) }), ...period, ...jumps, until, ...warnings.map((each) => english(make("span", each)))];
+    const said = [t("outlook.since", { time: at(forecast.since) }), ...period, ...jumps, until, ...warnings.map((each) => composed("span", each))];
     this.note.replaceChildren(...said.flatMap((part, i) => i ? [" \u00b7 ", part] : [part]));
     this.root.dataset.since = forecast.since;
   }

@@ -2,7 +2,7 @@
 import { language, locale, parts, t } from "./language.js";
 import { ask } from "./link.js";
 import { colour, faded } from "./svg.js";
-import { english, make } from "./words.js";
+import { english, explain, make } from "./words.js";
 
 const HEIGHT_PX = 270, TIMES = "campaign time [s]", DRAWN_ALREADY = "The gap";
 /** By what a line is: thick and pale what was measured, dashed the model as it was, solid with what was found. */
@@ -81,8 +81,9 @@ export class Overlay {
       await this.draw();
     } catch (error) {
       this.asked = false;
-      const told = make("p", undefined, "facts"), why = make("span", error.message);
-      told.append(...parts("overlay.trouble", { why: error.status ? english(why) : why }));
+      const told = make("p", undefined, "facts"), why = make("span");
+      explain(why, error);
+      told.append(...parts("overlay.trouble", { why }));
       this.room.replaceChildren(told);
     }
   }

@@ -20,7 +20,7 @@ import { Timeline } from "./timeline.js";
 import { placeOf } from "./traces.js";
 import { WhatIf } from "./whatif.js";
 import { ALL, LATEST } from "./window.js";
-import { LEARNING, QUANTITIES, ago, atTime, english, interval95, isClock, make, say, sensorOf, slowTime, spoken, standing } from "./words.js";
+import { LEARNING, QUANTITIES, ago, atTime, composed, interval95, isClock, make, say, sensorOf, slowTime, spoken, standing } from "./words.js";
 
 const CHARTS = Object.keys(QUANTITIES);
 const HOUR_MS = 3600e3, DAY_MS = 24 * HOUR_MS;
@@ -81,9 +81,9 @@ export class Panel {
     this.figures = Object.fromEntries(CHARTS.map((quantity) => [quantity, this.figure(quantity)]));
     this.quantities = CHARTS;
     this.elements = null;
-    [this.events, this.outlook, this.recorded, this.assessed] = [new Events(), new Outlook(), new Recorded(), new Assessed()];
-    [this.timeline, this.whatIf, this.diagnosis] = [new Timeline(twin), new WhatIf(twin), new Diagnosis(twin)];
     this.changes = new Changes(twin);
+    [this.events, this.outlook, this.recorded, this.assessed] = [new Events(), new Outlook(), new Recorded(this.changes), new Assessed()];
+    [this.timeline, this.whatIf, this.diagnosis] = [new Timeline(twin), new WhatIf(twin), new Diagnosis(twin)];
     [this.risk, this.plan, this.shapes, this.limits, this.costs] = [new Risk(), new Plan(), new Shapes(), new Limits(this.changes), new Costs(this.changes)];
     this.state = make("div", undefined, "state");
     this.state.append(
@@ -218,7 +218,7 @@ export class Panel {
     this.reading.textContent = reading || "";
     const entered = enteredOf(latest), { problem } = twin;
     const reasons = [...(entered ? [entered] : []), ...latest.reasons, ...(problem ? [problem] : [])];
-    const listed = () => reasons.map((reason) => (reason === entered || reason === problem ? make("li", reason) : english(make("li", reason))));
+    const listed = () => reasons.map((reason) => (reason === entered || reason === problem ? make("li", reason) : composed("li", reason)));
     if (this.said !== reasons.join("\n")) this.reasons.replaceChildren(...listed());
     this.said = reasons.join("\n");
     this.become(latest.registration.changes === "elements");

@@ -1,8 +1,9 @@
 // What to do with the structure: the sentence, the cost of each option over time, and a table of them.
 import { counted, locale, parts, t } from "./language.js";
 import { drawPlot } from "./plot.js";
+import { translated } from "./sentences.js";
 import { colour } from "./svg.js";
-import { digits, english, make, range, unitOf } from "./words.js";
+import { compose, composed, digits, make, range, unitOf } from "./words.js";
 
 const HEIGHT_PX = 260, NARROW_PX = 480, LINES_PX = 34, DRAWN = 6;
 const HEADS = [t("plan.option"), t("plan.now"), t("plan.cost"), t("number.from_5_to_95"), t("plan.failures")];
@@ -12,7 +13,7 @@ const DASHES = ["solid", "dash", "dot", "dashdot", "longdash", "longdashdot"];
 const amount = (x) => (+x.toPrecision(3)).toLocaleString(locale, { maximumSignificantDigits: 3 }).replace("-", "\u2212");
 
 function rowOf(option, ahead) {
-  const row = make("tr"), title = english(make("th", option.words)), { value, lo, hi } = option.cost;
+  const row = make("tr"), title = composed("th", option.words), { value, lo, hi } = option.cost;
   title.scope = "row";
   row.dataset.option = option.name;
   row.append(title, make("td", ahead && option.now === "repair" ? t("plan.act.order") : t(`plan.act.${option.now}`)), make("td", amount(value)), make("td", range(amount(lo), amount(hi))));
@@ -46,7 +47,7 @@ export class Plan {
     this.root = make("section", undefined, "plan");
     this.root.setAttribute("aria-label", t("plan.label"));
     this.title = make("h3", t("plan.title"));
-    [this.sentence, this.last, this.changes] = [make("p", "", "sentence"), english(make("p", "", "last-order")), english(make("ul", undefined, "changes"))];
+    [this.sentence, this.last, this.changes] = [make("p", "", "sentence"), make("p", "", "last-order"), make("ul", undefined, "changes")];
     this.sentence.setAttribute("role", "status");
     this.plot = make("div", undefined, "plot");
     this.plot.setAttribute("role", "img");
@@ -64,7 +65,7 @@ export class Plan {
     if (this.root.hidden || plan === this.told) return;
     this.told = plan;
     if (!plan) this.say(t("plan.computing"));
-    else if (plan.trouble) this.say(`${t("plan.trouble")} `, english(make("span", plan.trouble)));
+    else if (plan.trouble) this.say(`${t("plan.trouble")} `, composed("span", plan.trouble));
     if (!plan?.answer) return;
     this.plan = plan.answer;
     this.show();
@@ -75,17 +76,17 @@ export class Plan {
   show() {
     const { plan } = this, none = !plan.options.length;
     this.root.dataset.since = plan.since;
-    this.say(english(make("span", plan.sentence)));
+    this.say(composed("span", plan.sentence));
     this.root.dataset.action = plan.action ?? "none";
-    this.last.textContent = plan.last_order?.sentence ?? "";
-    this.changes.replaceChildren(...plan.changes.map((text) => make("li", text)));
+    compose(this.last, plan.last_order?.sentence ?? "");
+    this.changes.replaceChildren(...plan.changes.map((text) => composed("li", text)));
     this.plot.hidden = this.table.hidden = none;
     if (none) return;
     this.root.dataset.since = plan.since;
     this.body.replaceChildren(...plan.options.map((option) => rowOf(option, plan.last_order?.lead_time > 0)));
     this.table.querySelectorAll("thead th")[2].textContent = t("plan.cost_in", { currency: plan.currency });
     const [best] = plan.information;
-    this.worth.replaceChildren(...(best ? parts("plan.worth", { observation: english(make("span", best.words)) }) : [t("plan.no_observation")]));
+    this.worth.replaceChildren(...(best ? parts("plan.worth", { observation: composed("span", best.words) }) : [t("plan.no_observation")]));
     this.draw();
   }
 
@@ -94,9 +95,10 @@ export class Plan {
     const dated = plan.times.every(({ t }) => t) && plan.seconds > 3600, x = plan.times.map(({ t, ahead }) => (dated ? t : ahead));
     const width = this.plot.clientWidth || 640, narrow = width < NARROW_PX;
     const shown = drawnOf(plan), tints = ["estimate", "ahead", "bad", "good", "inseparable", "ink"].map(colour);
+    const wordsOf = (option) => translated(option.words) ?? option.words;
     const traces = shown.map((option, i) => ({
-      name: narrow ? broken(option.words) : option.words, x, y: option.curve, mode: "lines", line: { color: tints[i], width: i ? 1.4 : 2.4, dash: DASHES[i] },
-      hover: (i) => `${option.words}: ${counted(+option.curve[i].toPrecision(3))} ${plan.currency}`,
+      name: narrow ? broken(wordsOf(option)) : wordsOf(option), x, y: option.curve, mode: "lines", line: { color: tints[i], width: i ? 1.4 : 2.4, dash: DASHES[i] },
+      hover: (i) => `${wordsOf(option)}: ${counted(+option.curve[i].toPrecision(3))} ${plan.currency}`,
     }));
     const inSlowTime = plan.time_unit === "slow_time", named = inSlowTime ? plan.slow_time_unit && unitOf(plan) : t(`unit.plan.${plan.time_unit}`);
     const unit = named ? t("axis.time_from_now", { unit: named }) : t("axis.slow_time_from_now");
@@ -106,6 +108,6 @@ export class Plan {
       yaxis: { rangemode: "tozero", title: { text: t("axis.cost", { currency: plan.currency }) } },
     });
     this.plot.dataset.drawn = traces.length;
-    this.plot.setAttribute("aria-label", t("plan.chart", { n: traces.length, best: shown[0].words }));
+    this.plot.setAttribute("aria-label", t("plan.chart", { n: traces.length, best: wordsOf(shown[0]) }));
   }
 }

@@ -1,4 +1,4 @@
-// The form by which an event of an asset is recorded: which kind, of what, when, with which result.
+// The form by which an event of an asset is recorded or corrected: which kind, of what, when, with which result.
 import { choices, labelled, written } from "./form_fields.js";
 import { t } from "./language.js";
 import { button, make, slowTime, titleOf } from "./words.js";
@@ -7,11 +7,22 @@ const KINDS = {
   repair: t("record.repair"), replacement: t("record.replacement"), inspection: t("record.inspection"), load_test: t("record.load_test"), note: t("record.note"),
 };
 const SHARES = { all: t("record.restored_all"), share: t("record.restored_share"), unknown: t("record.restored_unknown") };
+/** Fields of an event that a correction changes. */
+const CORRECTED = ["kind", "quantity", "at", "text", "repair", "replacement", "measured", "detection"];
 const PARTS = { nominal: t("record.part_nominal"), unknown: t("record.part_unknown") };
 const RESULTS = { measured: t("record.result_measured"), found: t("record.result_found"), none: t("record.result_none") };
 
 /** An id that the server has not seen: made once for a form, so that sending it again is no second event. */
 export const nameOf = () => `page-${Date.now().toString(36)}-${Math.random().toString(36).slice(2, 10)}`;
+
+/** In per cent, without the noise of binary fractions. */
+const percentOf = (share) => +(100 * share).toPrecision(12);
+
+/** A time as a field of a form takes it: of the browser's own zone. */
+const local = (ns) => {
+  const date = new Date(ns / 1e6);
+  return new Date(date - 60_000 * date.getTimezoneOffset()).toISOString().slice(0, 19);
+};
 
 const numeric = (value, least, most) => Object.assign(make("input"), { type: "number", step: "any", value, min: least, max: most, required: true });
 
@@ -47,7 +58,8 @@ export class RecordForm {
     this.slope = labelled(t("record.slope"), numeric(2, 0, 1e3), this.root);
     this.person = labelled(t("form.name"), written({ autocomplete: "name", maxLength: 100 }), this.root);
     this.text = labelled(t("record.text"), written({ maxLength: 2000 }), this.root);
-    this.send = make("button", t("record.record"), "act");
+    if (given.event) this.reason = labelled(t("form.reason"), written({ maxLength: 2000 }), this.root);
+    this.send = make("button", t(given.event ? "limits.save" : "record.record"), "act");
     this.problem = make("span", "", "alarm");
     this.problem.setAttribute("role", "alert");
     this.root.append(this.send, button(t("form.cancel"), cancel), this.problem);
@@ -57,9 +69,39 @@ export class RecordForm {
     this.root.addEventListener("submit", (submitted) => {
       submitted.preventDefault();
       this.send.disabled = true;
-      record(this.body());
+      record(given.event ? this.correction() : this.body());
     });
+    if (given.event) this.hold(given.event, names);
     this.fit();
+    if (given.event) this.before = this.body();
+  }
+
+  /** Show what an event says, so that it is corrected from there. */
+  hold({ kind, quantity, t_ns: time, text, repair, replacement, measured, detection }, names) {
+    const values = [[this.kind, kind], [this.quantity, names.includes(quantity) ? quantity : ""], [this.text, text]];
+    if (time !== null) values.push([this.at, local(time)]);
+    const { restored_share: share = null, restored_share_sd: shareSd = 0 } = repair ?? {};
+    values.push([this.share, share === null ? "unknown" : share === 1 && shareSd === 0 ? "all" : "share"]);
+    if (share !== null) values.push([this.percent, percentOf(share)], [this.sd, percentOf(shareSd)]);
+    const { change = 0, sd = null } = replacement ?? {};
+    if (change && sd) choices(this.part.input, { told: t("record.part_told", { change: percentOf(change), sd: percentOf(sd) }) });
+    values.push([this.part, change === null ? "unknown" : change && sd ? "told" : "nominal"]);
+    if (measured) values.push([this.change, percentOf(measured.value)], [this.sd, percentOf(measured.sd)]);
+    else if (kind === "load_test") values.push([this.change, ""], [this.sd, ""]);
+    if (detection) {
+      const { a50, slope, points } = detection.probability_of_detection;
+      this.curve = points.length ? detection.probability_of_detection : null;
+      values.push([this.result, detection.detected ? "found" : "none"]);
+      if (!this.curve) values.push([this.a50, percentOf(a50)], [this.slope, slope]);
+    }
+    for (const [{ input }, value] of values) input.value = value;
+  }
+
+  /** What differs from the event as it was, and who says so, and why. */
+  correction() {
+    const now = this.body(), [before, after] = [this.before, now].map((body) => CORRECTED.map((name) => [name, body[name] ?? null]));
+    const changed = after.filter(([, value], i) => JSON.stringify(value) !== JSON.stringify(before[i][1]));
+    return { after: Object.fromEntries(changed), person: now.person, text: this.reason.input.value.trim() };
   }
 
   begin() { this.kind.input.focus(); }
@@ -73,9 +115,11 @@ export class RecordForm {
     const asked = [
       [this.share, kind === "repair"], [this.percent, shared], [this.part, kind === "replacement"],
       [this.result, kind === "inspection"], [this.change, measured], [this.sd, measured || shared],
-      [this.a50, detected], [this.slope, detected],
+      [this.a50, detected && !this.curve], [this.slope, detected && !this.curve],
     ];
     for (const [{ label, input }, needed] of asked) [label.hidden, input.disabled] = [!needed, !needed];
+    // A load test may be recorded without a number, an inspection may not.
+    for (const { input } of [this.change, this.sd]) input.required = kind !== "load_test";
   }
 
   body() {
@@ -86,10 +130,10 @@ export class RecordForm {
     else if (value(this.at)) body.at = new Date(value(this.at)).toISOString();
     if (kind === "repair" && value(this.share) === "all") body.repair = { restored_share: 1 };
     if (kind === "repair" && value(this.share) === "share") body.repair = { restored_share: share(this.percent), restored_share_sd: share(this.sd) };
-    if (kind === "replacement") body.replacement = { change: value(this.part) === "nominal" ? 0 : null };
-    if (!this.change.input.disabled) body.measured = { value: share(this.change), sd: share(this.sd) };
-    if (!this.a50.input.disabled) {
-      const law = { a50: share(this.a50), slope: Number(value(this.slope)) };
+    if (kind === "replacement") body.replacement = value(this.part) === "told" ? this.given.event.replacement : { change: value(this.part) === "nominal" ? 0 : null };
+    if (!this.change.input.disabled && value(this.change)) body.measured = { value: share(this.change), sd: share(this.sd) };
+    if (kind === "inspection" && value(this.result) !== "measured") {
+      const law = this.curve ?? { a50: share(this.a50), slope: Number(value(this.slope)) };
       body.detection = { detected: value(this.result) === "found", probability_of_detection: law };
     }
     return body;

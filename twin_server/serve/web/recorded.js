@@ -1,16 +1,17 @@
-// Repairs, replacements, inspections and notes of an asset: listed, recorded, taken back; and the question whether something was repaired.
+// Repairs, replacements, inspections and notes of an asset: listed, recorded, corrected, taken back; and the question whether something was repaired.
 import { locale, parts, t } from "./language.js";
 import { send } from "./link.js";
 import { RecordForm, nameOf } from "./record_form.js";
-import { button, english, explain, make, say, whenOf } from "./words.js";
+import { saidOf } from "./recorded_words.js";
+import { button, composed, explain, make, say, whenOf } from "./words.js";
 
 export class Recorded {
-  constructor() {
+  constructor(changes) {
+    this.changes = changes;
     this.root = make("details", undefined, "recorded");
     this.summary = make("summary", t("recorded.none"));
     [this.questions, this.list] = [make("ul", undefined, "questions"), make("ol")];
-    this.open = button(t("recorded.open"), () => this.ask({}));
-    this.open.classList.add("writes");
+    this.open = button(t("recorded.open"), () => this.ask({}), "writes");
     this.place = make("div");
     this.answer = make("p", "", "answer");
     this.answer.setAttribute("role", "status");
@@ -26,13 +27,15 @@ export class Recorded {
     this.told = key;
     const holding = shown.filter(({ reverses, reversed_by: by }) => reverses === null && by === null);
     const asked = open.length && !at ? t("recorded.questions", { n: open.length }) : "";
-    const last = holding[0] ? parts("recorded.last", { n: holding.length, event: english(make("span", holding[0].sentence)) }) : [t("recorded.none")];
-    this.summary.replaceChildren(...(asked ? [asked] : last));
+    const last = holding[0] ? t("recorded.last", { n: holding.length, event: saidOf(holding[0]) }) : t("recorded.none");
+    this.summary.textContent = asked || last;
     this.root.dataset.severity = asked ? "warning" : "info";
     if (asked && !this.shownOnce) this.root.open = this.shownOnce = true;
     this.open.hidden = Boolean(this.form) || Boolean(at);
     this.questions.replaceChildren(...(at ? [] : open.map((question) => this.question(question))));
-    this.list.replaceChildren(...shown.map((event) => this.item(event, Boolean(at))));
+    this.events = new Map(shown.map((event) => [event.event, event]));
+    const corrected = new Set(shown.map(({ corrects }) => corrects?.event));
+    this.list.replaceChildren(...shown.filter(({ event }) => !corrected.has(event)).map((event) => this.item(event, Boolean(at))));
   }
 
   question(question) {
@@ -40,32 +43,45 @@ export class Recorded {
     item.dataset.severity = "warning";
     const { event_id: answers, quantity, since } = question;
     item.append(
-      english(make("span", question.message)), " ",
-      button(t("recorded.record"), () => this.ask({ kind: "repair", answers, quantity, slow_time: since })),
+      composed("span", question.message), " ",
+      button(t("recorded.record"), () => this.ask({ kind: "repair", answers, quantity, slow_time: since }), "writes"),
       " ",
-      button(t("recorded.real"), () => this.give({ event: nameOf(), kind: "note", answers, quantity, slow_time: since, text: "No repair: it is a real change." })),
+      button(t("recorded.real"), () => this.give({ event: nameOf(), kind: "note", answers, quantity, slow_time: since, text: t("recorded.no_repair") }), "writes"),
     );
     return item;
   }
 
   item(event, past) {
     const item = make("li"), when = make("span", event.slow_time === null ? new Date(event.t_ns / 1e6).toLocaleString(locale) : whenOf(event, this.latest), "when");
-    item.append(when, english(make("span", event.sentence)));
+    const said = saidOf(event);
+    item.append(when, make("span", said), ...this.former(event));
     if (event.reversed_by !== null) {
       item.className = "reversed";
       item.append(" ", make("span", t("recorded.taken_back"), "severity"));
     } else if (event.reverses === null && !past) {
-      const undo = button(t("form.undo"), () => this.give({ event: nameOf(), kind: "note", reverses: event.event }));
-      undo.classList.add("writes");
-      undo.setAttribute("aria-label", t("recorded.undo", { event: event.sentence }));
-      item.append(" ", undo);
+      const correct = button(t("recorded.correct"), () => this.ask({ event }, correct), "writes");
+      const undo = button(t("form.undo"), () => this.give({ event: nameOf(), kind: "note", reverses: event.event }), "writes");
+      correct.setAttribute("aria-label", t("recorded.correct_event", { event: said }));
+      undo.setAttribute("aria-label", t("recorded.undo", { event: said }));
+      item.append(" ", correct, " ", undo);
     }
     return item;
   }
 
-  ask(given) {
+  /** Who corrected an event, when and why, and what it said before: one line for each correction, the newest first. */
+  former({ corrects, person, accepted_ns: time }) {
+    const was = corrects && this.events.get(corrects.event);
+    if (!was) return [];
+    const line = make("div", undefined, "former"), date = new Date(time / 1e6).toLocaleString(locale);
+    line.append(t(corrects.text ? "recorded.corrected_because" : "recorded.corrected", { person, date, reason: corrects.text }), " ", make("del", saidOf(was)));
+    return [line, ...this.former(was)];
+  }
+
+  ask(given, opener = this.open) {
     this.close();
-    this.form = new RecordForm(this.latest, given, (body) => this.give(body), () => this.close(true));
+    this.opener = opener;
+    const record = (body) => given.event ? this.correct(given.event, body) : this.give(body);
+    this.form = new RecordForm(this.latest, given, record, () => this.close(true));
     this.place.append(this.form.root);
     this.open.hidden = true;
     this.form.begin();
@@ -75,7 +91,8 @@ export class Recorded {
   async give(body) {
     try {
       const told = await send(`${this.base}/events`, "POST", body);
-      say(english(this.answer), "good", told.sentence);
+      this.answer.removeAttribute("lang");
+      say(this.answer, "good", saidOf(told));
       this.close(true);
       this.reload();
     } catch (error) {
@@ -86,12 +103,20 @@ export class Recorded {
     }
   }
 
+  /** Another event is recorded instead of it, in one step; both are kept. */
+  async correct({ event }, { after, ...author }) {
+    if (!Object.keys(after).length) return this.close(true);
+    if (!await this.changes.save({ event, after, ...author }, this.answer)) return this.form?.ready();
+    this.close(true);
+    this.reload();
+  }
+
   /** Whoever works with a keyboard goes on from where they were. */
   close(back = false) {
     const inside = this.form?.root.contains(document.activeElement);
     this.form?.root.remove();
     this.form = null;
     this.open.hidden = Boolean(this.past);
-    if (back && inside) this.open.focus();
+    if (back && inside) (this.opener.isConnected ? this.opener : this.open).focus();
   }
 }

@@ -3,7 +3,7 @@ import { counted, locale, t } from "./language.js";
 import { ask, send } from "./link.js";
 import { toTwin } from "./route.js";
 import { upload } from "./upload.js";
-import { button, english, explain, make, number, say } from "./words.js";
+import { button, compose, composed, explain, make, number, say } from "./words.js";
 
 const BASE = "/api/v1/recordings", PLAYING_MS = 700;
 const PACES = [["", t("recordings.pace_fastest")], ["1", t("recordings.pace_recorded")], ...["10", "100"].map((pace) => [pace, t("recordings.pace_times", { pace })])];
@@ -42,11 +42,11 @@ export class Recordings {
     this.told.setAttribute("role", "status");
     const head = make("div", undefined, "heading");
     head.append(make("h2", t("recordings.title")), this.told);
-    this.root.append(head, this.giving(), this.problem, this.none, this.list);
+    this.root.append(head, this.giving(), make("p", t("access.recordings"), "facts for-viewers"), this.problem, this.none, this.list);
   }
 
   giving() {
-    this.drop = make("div", undefined, "drop");
+    this.drop = make("div", undefined, "drop writes");
     const label = make("label", `${t("recordings.upload")} `);
     this.file = make("input");
     Object.assign(this.file, { type: "file", accept: ".mcap" });
@@ -117,7 +117,7 @@ export class Recordings {
     const root = make("li", undefined, "card"), acts = make("p", undefined, "acts");
     root.dataset.recording = name;
     const [about, inside, problem, replay] = ["facts", "facts", "alarm", "replay"].map((kind) => make("p", "", kind));
-    const pace = make("select"), paced = make("label", `${t("recordings.at_pace")} `, "field"), get = make("a", t("recordings.download"), "act");
+    const pace = make("select"), paced = make("label", `${t("recordings.at_pace")} `, "field writes"), get = make("a", t("recordings.download"), "act");
     get.href = path + of;
     get.download = name;
     for (const [value, text] of PACES) {
@@ -126,12 +126,12 @@ export class Recordings {
       pace.append(option);
     }
     paced.append(pace);
-    const play = button(t("recordings.replay"), () => this.attempt(() => send(`${path}/replay${of}`, "POST", pace.value ? { speed: Number(pace.value) } : {})));
-    const stop = button(t("recordings.stop"), () => this.attempt(() => send(`${path}/replay${of}`, "DELETE")));
+    const play = button(t("recordings.replay"), () => this.attempt(() => send(`${path}/replay${of}`, "POST", pace.value ? { speed: Number(pace.value) } : {})), "writes");
+    const stop = button(t("recordings.stop"), () => this.attempt(() => send(`${path}/replay${of}`, "DELETE")), "writes");
     const drop = button(t("recordings.delete"), () => {
       if (confirm(t("recordings.confirm_delete", { name }))) this.attempt(() => send(path + of, "DELETE"));
-    });
-    const [pill, bar, said] = [make("span", "", "pill"), make("progress"), english(make("span", "", "facts"))];
+    }, "administers");
+    const [pill, bar, said] = [make("span", "", "pill"), make("progress"), make("span", "", "facts")];
     bar.setAttribute("aria-label", t("recordings.replay_progress", { name }));
     replay.append(pill, bar, said);
     acts.append(get, play, paced, stop, drop);
@@ -150,13 +150,14 @@ export class Recordings {
     });
     const counts = Object.entries(one.messages).map(([stream, count]) => `${counted(count)} ${stream}`).join(", ");
     row.inside.replaceChildren(...twins.flatMap((link, i) => i ? [", ", link] : [link]), counts && `: ${counts}`);
-    say(english(row.problem), "bad", one.problem ? `\u25b2 ${one.problem}` : "");
+    row.problem.dataset.state = "bad";
+    row.problem.replaceChildren(...(one.problem ? ["\u25b2 ", composed("span", one.problem)] : []));
     const { replay } = one, playing = replay?.state === "playing";
     row.replay.hidden = !replay;
     if (replay) {
       say(row.pill, STATES[replay.state], t(`replay.${replay.state}`));
       Object.assign(row.bar, { max: Math.max(1, replay.total), value: replay.done, hidden: !playing });
-      say(row.said, "", replay.sentence);
+      compose(row.said, replay.sentence);
     }
     for (const control of [row.play, row.paced]) control.hidden = playing || Boolean(one.problem);
     row.stop.hidden = !playing;

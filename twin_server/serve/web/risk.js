@@ -2,7 +2,7 @@
 import { t } from "./language.js";
 import { drawPlot } from "./plot.js";
 import { colour } from "./svg.js";
-import { atTime, describeRow, digits, english, foretold, make, number, powered, range, say, slowTime, unitOf } from "./words.js";
+import { atTime, composed, describeRow, digits, english, foretold, make, number, powered, range, say, slowTime, unitOf } from "./words.js";
 
 const HEIGHT_PX = 240;
 /** Probability below which models of loads and strengths know nothing: smaller ones are drawn and said as this one. */
@@ -32,7 +32,7 @@ function rowOf(state, since, at) {
   row.dataset.state = state.name;
   row.append(title);
   if (!state.now) {
-    const cell = english(make("td", state.reasons[0]));
+    const cell = composed("td", state.reasons[0]);
     cell.colSpan = HEADS.length - 1;
     row.append(cell);
     return row;
@@ -83,7 +83,7 @@ export class Risk {
   take(risk, latest) {
     this.told = risk;
     if (risk.answer) this.risk = risk.answer;
-    this.trouble.replaceChildren(...(risk.trouble ? [`${t("risk.trouble")} `, english(make("span", risk.trouble))] : []));
+    this.trouble.replaceChildren(...(risk.trouble ? [`${t("risk.trouble")} `, composed("span", risk.trouble)] : []));
     if (this.risk) this.show(latest);
   }
 

@@ -1,7 +1,7 @@
 // Whom events of a twin reach: each receiver with what waits and what went wrong, and a test alarm.
 import { t } from "./language.js";
 import { ask, send } from "./link.js";
-import { button, english, explain, make, say } from "./words.js";
+import { button, composed, explain, make, say } from "./words.js";
 
 const said = ({ receiver, waiting, delivered, failed }) => (
   [t("routes.delivered", { receiver, n: delivered }), waiting && t("routes.waiting", { n: waiting }), failed && t("routes.failed", { n: failed })].filter(Boolean).join(", ")
@@ -13,7 +13,7 @@ export class Routes {
     this.list = make("ul");
     this.answer = make("span");
     this.answer.setAttribute("role", "status");
-    this.root.append(this.list, button(t("routes.test"), () => this.test()), " ", this.answer);
+    this.root.append(this.list, button(t("routes.test"), () => this.test(), "writes"), " ", this.answer);
     this.root.hidden = true;
   }
 
@@ -25,8 +25,9 @@ export class Routes {
     this.list.replaceChildren(...routes.map((route) => {
       const item = make("li", said(route));
       if (route.last_error) {
-        const trouble = english(make("span", ` \u25b2 ${route.last_error}`, "trouble"));
+        const trouble = make("span", " \u25b2 ", "trouble");
         trouble.dataset.state = "bad";
+        trouble.append(composed("span", route.last_error));
         item.append(trouble);
       }
       return item;

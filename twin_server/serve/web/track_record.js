@@ -3,7 +3,7 @@ import { t } from "./language.js";
 import { ask } from "./link.js";
 import { drawPlot } from "./plot.js";
 import { colour } from "./svg.js";
-import { english, make, number } from "./words.js";
+import { composed, make, number } from "./words.js";
 
 const HEIGHT_PX = 220, WIDTH_PX = 300, NARROW = "\u202f";
 const percent = (x) => `${number(100 * x, 0)}${NARROW}%`;
@@ -43,7 +43,7 @@ export class TrackRecord {
     this.root.hidden = Boolean(at) || !said.length;
     if (this.root.hidden || key === this.key) return;
     this.key = key;
-    this.note.replaceChildren(english(make("span", key)));
+    this.note.replaceChildren(composed("span", key));
     const record = await ask(`${base}/forecast/record`).catch(() => null);
     if (!record) this.key = null;
     else this.draw(pointsOf(record));

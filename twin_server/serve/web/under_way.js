@@ -1,7 +1,7 @@
 // What the server is doing for the sites of whoever looks: uploads, replays, computations; and a way to end it.
 import { t } from "./language.js";
 import { ask, send } from "./link.js";
-import { ago, button, english, explain, make, say } from "./words.js";
+import { ago, button, composed, explain, make, say } from "./words.js";
 
 const BASE = "/api/v1/holdings";
 // Live streams are open pages, this one among them: nobody waits for those.
@@ -42,9 +42,9 @@ export class UnderWay {
   row({ id, kind, what }) {
     const root = make("li", undefined, "card"), about = make("p", "", "facts"), acts = make("p", undefined, "acts");
     root.dataset.holding = kind;
-    const cancel = button(t("under_way.cancel"), () => this.attempt(() => send(`${BASE}/${id}`, "DELETE")));
+    const cancel = button(t("under_way.cancel"), () => this.attempt(() => send(`${BASE}/${id}`, "DELETE")), "administers");
     acts.append(cancel);
-    root.append(english(make("h3", what)), about, acts);
+    root.append(composed("h3", what), about, acts);
     const row = { root, about, cancel };
     this.rows.set(id, row);
     this.list.append(root);

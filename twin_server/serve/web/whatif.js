@@ -3,7 +3,7 @@ import { parts, t } from "./language.js";
 import { send } from "./link.js";
 import { drawPlot } from "./plot.js";
 import { colour, faded } from "./svg.js";
-import { digits, english, explain, interval95, make, number, range } from "./words.js";
+import { composed, digits, explain, interval95, make, number, range } from "./words.js";
 
 const HEIGHT_PX = 240, NARROW = "\u202f";
 const LOADS = {
@@ -124,7 +124,7 @@ export class WhatIf {
       `${t("load.peak")} `, make("strong", `${peak}${NARROW}${unit}`),
       make("span", ` ${interval95(`${around}${NARROW}${unit}`)} \u00b7 ${t("load.rms", { value: `${rms}${NARROW}${unit}` })}`, "interval"),
     );
-    const said = [...answer.reasons.map((each) => [english(make("span", each))]), ...answer.assumed.map((each) => parts("load.assumed", { what: english(make("span", each)) }))];
+    const said = [...answer.reasons.map((each) => [composed("span", each)]), ...answer.assumed.map((each) => parts("load.assumed", { what: composed("span", each) }))];
     // Reasons are whole sentences, assumptions are not.
     const closed = [...answer.reasons, ...answer.assumed].map((each) => each.endsWith(".") ? " " : ". ");
     this.assumed.replaceChildren(...said.flatMap((words, i) => [...words, i < said.length - 1 ? closed[i] : closed[i].trimEnd()]));

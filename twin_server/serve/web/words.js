@@ -1,5 +1,6 @@
 // Numbers, times and elements: how things are said on the page.
 import { counted, language, locale, localized, t } from "./language.js";
+import { translated } from "./sentences.js";
 
 export function make(tag, text, name) {
   const element = document.createElement(tag);
@@ -8,8 +9,9 @@ export function make(tag, text, name) {
   return element;
 }
 
-export function button(text, act) {
-  const made = make("button", text, "act");
+/** `needs` is `writes` or `administers` where the server wants an operator or an admin: others are not shown it. */
+export function button(text, act, needs = "") {
+  const made = make("button", text, needs ? `act ${needs}` : "act");
   made.type = "button";
   made.addEventListener("click", act);
   return made;
@@ -31,22 +33,35 @@ export const titleOf = (quantity) => QUANTITIES[quantity]?.title ?? quantity;
 
 const MINUS = "\u2212", NARROW = "\u202f";
 
-/** Words that the server has composed, which are English in every language of the page. */
+/** Words that are English in every language of the page. */
 export function english(element) {
   element.lang = "en";
   return element;
 }
 
-/** The server's sentence on a row, for screen readers; in another language its cells are read instead. */
+/** Fill an element with words that the server has composed: translated, or else marked as English. */
+export function compose(element, text) {
+  const own = translated(text), said = own ?? text;
+  if (element.textContent !== said) element.textContent = said;
+  if (own === null) element.lang = "en";
+  else element.removeAttribute("lang");
+  return element;
+}
+
+/** A new element with words that the server has composed. */
+export const composed = (tag, text, name) => compose(make(tag, undefined, name), text);
+
+/** The server's sentence on a row, for screen readers; where it is not translated, its cells are read instead. */
 export function describeRow(row, sentence) {
-  if (language === "en") row.setAttribute("aria-label", sentence);
+  const said = language === "en" ? sentence : translated(sentence);
+  if (said) row.setAttribute("aria-label", said);
 }
 
 /** Why something did not succeed: in the server's words where it has answered, else in the page's. */
 export function explain(element, error) {
+  if (error.status) return compose(element, error.message);
   element.textContent = error.message;
-  if (error.status) element.lang = "en";
-  else element.removeAttribute("lang");
+  element.removeAttribute("lang");
 }
 
 /** A number to `places`, with a true minus sign. */

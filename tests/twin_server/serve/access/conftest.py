@@ -13,9 +13,9 @@ from slowtime_cli.shared.offline_twin import offline_twin
 from twin_server.pipeline import (
     Alarms,
     AssetEvents,
+    ChangeHistory,
     CompositeRegistry,
     QuarantineDesk,
-    RegistrationHistory,
     TwinKnowledge,
 )
 from twin_server.registration.twin import Registration
@@ -92,10 +92,11 @@ def door(tmp_path_factory):
         for twin_id in ("lab.beam", "other.secret"):
             pipeline.register(twin_id, Registration())
         hub = Passing(9, 99, 9)
+        told = AssetEvents(pipeline, store)
         app = create_app(
             TwinKnowledge(pipeline, store), hub, settings.serve, Nothing(), Nothing(),
-            alarm_service=Alarms(pipeline, store), events=AssetEvents(pipeline, store),
-            changes=RegistrationHistory(pipeline, store),
+            alarm_service=Alarms(pipeline, store), events=told,
+            changes=ChangeHistory(pipeline, store, told),
             composite_service=CompositeRegistry(pipeline, store),
             quarantine_service=QuarantineDesk(pipeline, store),
         )  # fmt: skip

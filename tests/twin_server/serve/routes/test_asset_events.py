@@ -131,3 +131,72 @@ def test_a_repair_is_asked_about_where_nobody_has_told_of_it(serving, ageing, ev
     answer = {"event": "n1", "kind": "note", "answers": question.event_id, "text": "Frost."}
     client.record_event("lab.beam", answer)
     assert client.recorded_events("lab.beam").questions[0].answered_by == "n1"
+
+
+def test_a_correction_is_one_step_with_history_and_undo(serving, ageing, eventually):
+    server = serving()
+    server.client.put(TWIN, json=BODY)
+    server.feed(ageing(60))
+    assert eventually(lambda: server.count() == 60)
+    client = Client(server.url)
+    client.record_event("lab.beam", REPAIR | {"text": "Bolts."})
+    # Which of two events after one reading comes first matters to the forecast.
+    found = {"measured": {"value": -0.05, "sd": 0.02}}
+    client.record_event("lab.beam", {"event": "i1", "kind": "inspection", **found})
+    before = change_ahead(client)
+    share = {"restored_share": 0.5, "restored_share_sd": 0.1}
+    told = client.change(
+        "lab.beam", {"repair": share}, event="r1", person="Bob", text="Half of the bolts."
+    )
+    assert (told.event, told.recorded_as, told.reverses) == ("r1", "r1.2", None)
+    assert (told.person, told.principal) == ("Bob", "a local user")
+    (one,) = told.changes
+    assert one.field == "repair"
+    assert (one.before["restored_share"], one.after) == (1.0, share)
+    assert change_ahead(client) != before
+    r2, i1, r1 = client.recorded_events("lab.beam").events
+    assert r2.sentence == (
+        "Repair recorded by Bob: 50 % ± 10 % of the damage restored. Bolts. "
+        "Corrects the event r1: Half of the bolts."
+    )
+    assert (r2.event, r2.corrects, r2.reversed_by) == (
+        "r1.2", {"event": "r1", "text": "Half of the bolts."}, None,
+    )  # fmt: skip
+    assert (r2.slow_time, i1.reversed_by, r1.reversed_by) == (59.0, None, "r1.2")
+    said = [event for event in client.events("lab.beam") if event.kind == "asset_event"]
+    assert said[-1].number == told.number
+
+    # Only what holds is corrected, and only to something else.
+    with pytest.raises(AnswerError, match=r"r1 was corrected by Bob as r1\.2 already"):
+        client.change("lab.beam", {"repair": None}, event="r1")
+    with pytest.raises(AnswerError, match=r"r1 was corrected by Bob as r1\.2 already"):
+        client.undo_event("lab.beam", "r1")
+    with pytest.raises(AnswerError, match=r"r1\.2 says this already"):
+        client.change("lab.beam", {"repair": share, "text": "Bolts."}, event="r1.2")
+    for after, match in (
+        ({"repair": {"restored_share": 2}}, r"At body\.after\.repair\.restored_share"),
+        ({"kind": "inspection"}, "repair was given with kind 'inspection'"),
+        ({"quantity": "j7"}, r"At body\.after\.quantity, j7 was given"),
+        ({"slow_time": 99.0}, r"At body\.after\.slow_time, 99 was given"),
+    ):
+        with pytest.raises(AnswerError, match=match):
+            client.change("lab.beam", after, event="r1.2")
+    assert len(client.recorded_events("lab.beam").events) == 3
+
+    undone = client.undo_change("lab.beam", told.number, person="Cy")
+    assert change_ahead(client) == before
+    assert (undone.event, undone.recorded_as) == ("r1.2", "r1.3")
+    assert [(c.number, c.reverses, c.reversed_by) for c in client.changes("lab.beam")] == [
+        (undone.number, told.number, None),
+        (told.number, None, undone.number),
+    ]
+    with pytest.raises(AnswerError, match=r"r1\.2 was corrected by Cy as r1\.3 already"):
+        client.undo_change("lab.beam", told.number)
+    # Another kind, another time: a part that does not go with it is left out.
+    note = {"kind": "note", "repair": None, "slow_time": 12.5}
+    told = client.change("lab.beam", note, event="r1.3")
+    assert [one.field for one in told.changes] == ["kind", "at", "slow_time", "repair"]
+    assert client.recorded_events("lab.beam").events[0].slow_time == 12.5
+    client.undo_event("lab.beam", "r1.4")
+    listed = client.recorded_events("lab.beam").events
+    assert [e.event for e in listed if e.reversed_by is None] == ["undo-r1.4", "i1"]

@@ -26,13 +26,13 @@ from twin_server.persist import SqliteStore
 from twin_server.pipeline import (
     Alarms,
     AssetEvents,
+    ChangeHistory,
     CompositeRegistry,
     Diagnoses,
     LiveUpdates,
     Pipeline,
     QuarantineDesk,
     Recordings,
-    RegistrationHistory,
     TwinKnowledge,
 )
 from twin_server.serve import Hub, create_app
@@ -112,12 +112,13 @@ class House:
             self.recordings.uploads.quota, self.recordings.replays, self.orders.quota,
         ):  # fmt: skip
             holdings.add(quota)
+        told = AssetEvents(self.pipeline, self.store, self.clock)
         app = create_app(
             knowledge, hub, settings.serve, self.orders, self.recordings,
             largest_recording=settings.recordings.max_bytes,
             alarm_service=Alarms(self.pipeline, self.store, self.clock),
-            events=AssetEvents(self.pipeline, self.store, self.clock),
-            changes=RegistrationHistory(self.pipeline, self.store),
+            events=told,
+            changes=ChangeHistory(self.pipeline, self.store, told),
             composite_service=CompositeRegistry(self.pipeline, self.store, self.clock),
             quarantine_service=QuarantineDesk(self.pipeline, self.store, self.clock),
             holdings=holdings,

@@ -1,5 +1,6 @@
 """The page's messages: complete in every language, all used, and no words beside them."""
 
+import ast
 import json
 import re
 from html.parser import HTMLParser
@@ -27,7 +28,10 @@ CATALOGUES = {
     path.stem: json.loads(path.read_text(encoding="utf-8"))
     for path in sorted(MESSAGES.glob("*.json"))
 }
+SENTENCES = {tag: catalogue.pop("sentences", {}) for tag, catalogue in CATALOGUES.items()}
+"""Of each language, what the server composes in English → the same in that language."""
 ENGLISH = CATALOGUES["en"]
+ROOT, GAP = Path(__file__).parents[4], "\0"
 OTHERS = sorted(CATALOGUES.keys() - {"en"})
 PLURALS = {"zero", "one", "two", "few", "many", "other"}
 KEY = re.compile(r"[a-z][a-z0-9_]*(?:\.[a-z0-9_{}]+)+")
@@ -45,8 +49,7 @@ NO_WORDS = {
     "not valid", "{} forecast band",
     "{}, what came after",
     # Words of the server, by which the page recognises what it has sent.
-    " or ", " and ", "No repair: it is a real change.", "The gap",
-    "campaign time [s]",
+    " or ", " and ", "The gap", "campaign time [s]",
     # Style sheets: fonts, selectors and classes.
     "{}px {}", "{}px", "system-ui, sans-serif", "header nav a", "thead th", "facts summary",
     "facts sensor", "facts worth",
@@ -125,6 +128,40 @@ def test_every_language_has_every_message(tag):
     assert other == [], "other placeholders than in English"
 
 
+JOINTS = re.compile(
+    r"\{\w+\}|, and |, after about|\. Repair now: | now|to be done|no longer (?:below|above)"
+    r"| of mode|learnt from|\), |\); |\b(?:order a repair|repair|Changed|rose|fell)\b"
+)
+"""Where the server puts a sentence together: at its values, and between these phrases."""
+
+
+def texts_of_server():
+    """What stands in the code of the server: each text, with a gap where a value comes."""
+    for folder in ("twin_server", "slowtime", "schemas/slowtime_schemas"):
+        for path in sorted((ROOT / folder).rglob("*.py")):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                    yield node.value
+                elif isinstance(node, ast.JoinedStr):
+                    parts = (
+                        part.value if isinstance(part, ast.Constant) else GAP
+                        for part in node.values
+                    )
+                    yield "".join(map(str, parts))
+
+
+@pytest.mark.parametrize("tag", [tag for tag in CATALOGUES if SENTENCES[tag]])
+def test_every_translated_sentence_is_one_that_the_server_composes(tag):
+    every = "\n".join(texts_of_server())
+    strange = []
+    for english, own in SENTENCES[tag].items():
+        assert placeholders(english) == placeholders(own), english
+        for part in JOINTS.split(english):
+            if re.search("[a-z]{3}", part) and part.strip(" .,:;“”()%") not in every:
+                strange.append((english, part))
+    assert strange == []
+
+
 @pytest.mark.parametrize("tag", CATALOGUES)
 def test_messages_are_well_formed(tag):
     for key, message in CATALOGUES[tag].items():
@@ -183,11 +220,14 @@ SETTING = re.compile(
 )
 
 
+CALLS = ("t(", "parts(", "make(", "composed(", "of(", "===", "!==", "??")
+"""What stands before a literal that names a message, an element or a value."""
+
 NAMES = {
-    "slowtime", "{} \u00b7 slowtime", "No repair: it is a real change.", "note", "repair",
+    "slowtime", "{} \u00b7 slowtime", "note", "repair",
     # Elements, classes and attributes.
     "col", "row", "td", "th", "polygon", "polyline", "title", "facts", "limit", "line",
-    "line {}",
+    "line {}", "del", "ins", "writes", "facts for-viewers",
     "interval", "severity", "band", "rest", "shape", "card", "off", "faint",
     "path", "rect", "tspan", "start", "end", "none", "round", "stroke-linejoin", "mark",
     "translate({},{})", "ink", "x-tick", "y-tick", "x-title",
@@ -219,7 +259,7 @@ def test_what_is_shown_is_a_message():
                 if not start <= one.start < end:
                     continue
                 before = source[: one.start].rstrip()
-                message = before.endswith(("t(", "parts(", "make(", "of(", "===", "!==", "??"))
+                message = before.endswith(CALLS)
                 if re.search(r"[a-z]{2}", one.text.replace("{}", "")) and not message:
                     found.add((name, one.text))
     found = {one for one in found if not KEY.fullmatch(one[1])}

@@ -1,6 +1,5 @@
 """The page in a real Chromium: changes of limits and costs are kept with authors and undone."""
 
-import datetime
 from typing import Any
 
 import pytest
@@ -8,8 +7,6 @@ from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import expect
 
 from slowtime_services.client import Client
-from twin_server.serve.access import TokenFile
-from twin_server.settings import AccessSettings
 
 pytestmark = pytest.mark.browser
 
@@ -111,21 +108,3 @@ def test_costs_are_entered_and_the_plan_uses_them(house, visit):
     expect(costs.locator("summary")).to_contain_text("Costs: none")
     assert house.get(TWIN).json()["registration"]["decision"] is None
     assert page.complaints == []
-
-
-def test_who_may_only_look_is_offered_no_changes(serving, ageing, visit, tmp_path):
-    tokens = TokenFile(tmp_path / "tokens.json")
-    day = datetime.timedelta(days=1)
-    viewer, operator = (tokens.add(s, s, ["lab"], day) for s in ("viewer", "operator"))
-    server = serving(access=AccessSettings(tokens=tokens.path))
-    header = {"Authorization": f"Bearer {operator}"}
-    assert server.client.put(TWIN, json=BODY, headers=header).status_code == 201
-    page = visit(server, "#lab.beam", locale="en-GB")
-    for token, shown in ((viewer, False), (operator, True)):
-        page.context.clear_cookies()
-        page.reload()
-        page.locator("#token").fill(token)
-        page.locator("#token").press("Enter")
-        page.locator(".limits summary").click()
-        offered = page.get_by_role("button", name="Change the limits")
-        expect(offered).to_be_visible() if shown else expect(offered).to_be_hidden()

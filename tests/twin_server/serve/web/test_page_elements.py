@@ -51,11 +51,13 @@ def test_the_page_names_the_storey_that_loses_stiffness_while_it_looks_on(
 
     expect(chart).to_have_attribute("data-suspects", "storey2")
     assert "storey2 −" in chart.get_attribute("aria-label")
-    drawn = chart.evaluate("plot => [plot.data[0].y, plot.data[0].x, plot.layout.shapes]")
-    assert drawn[0] == ["storey1", "storey2", "storey3"]
+    assert eventually(lambda: server.count("lab.frame") == 60)
     (point,) = server.get("/api/v1/twins/lab.frame/history", start="slow:59").json()["points"]
     expected = [100 * estimate["value"] for estimate in point["elements"].values()]
-    assert drawn[1] == expected
+    shown = "plot => [plot.data[0].y, plot.data[0].x, plot.layout.shapes]"
+    assert eventually(lambda: chart.evaluate(shown)[1] == expected)
+    drawn = chart.evaluate(shown)
+    assert drawn[0] == ["storey1", "storey2", "storey3"]
     assert [shape["x0"] for shape in drawn[2]] == [
         100 * estimate["lo"] for estimate in point["elements"].values()
     ]

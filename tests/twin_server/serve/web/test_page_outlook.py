@@ -5,6 +5,8 @@ import re
 import pytest
 from playwright.sync_api import expect
 
+from slowtime.evolution.life.probability_words import foretold
+
 pytestmark = pytest.mark.browser
 
 TWIN = "/api/v1/twins/lab.beam"
@@ -45,11 +47,11 @@ def test_time_to_threshold_and_bands_move_as_readings_arrive(
     told = server.get(f"{TWIN}/forecast", points=40).json()
     median = told["crossings"][0]["times"][1]["slow_time"]
     assert 50 < median < 75
-    expect(limit.locator("td").nth(1)).to_have_text(f"{median:.6g} s")
+    expect(limit.locator("td").nth(1)).to_have_text(f"{foretold(median, told['since']):.6g} s")
     expect(limit).to_have_attribute("aria-label", told["crossings"][0]["sentence"])
     expect(limit.locator("svg.cdf polyline.probability")).to_have_count(1)
     expect(limit.locator("td.laws")).to_contain_text("%")
-    expect(part(page, ".outlook .facts")).to_contain_text(
+    expect(part(page, ".outlook > .facts")).to_contain_text(
         "the forecast only extrapolates the trend"
     )
 

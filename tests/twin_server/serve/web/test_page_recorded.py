@@ -55,7 +55,8 @@ def test_a_question_is_answered_by_recording_the_repair(house, visit, eventually
     form.get_by_role("button", name="Record", exact=True).press("Enter")
 
     said = (
-        "Repair of stiffness_change recorded by Ann Moreau: 90 % ± 10 % of the damage restored"
+        "Repair of stiffness change recorded by Ann Moreau: "
+        "90\u202f% ± 10\u202f% of the damage restored."
     )
     expect(page.locator(".recorded [role=status]")).to_contain_text(said)
     expect(page.locator(".recorded ol li")).to_contain_text("<b>Bolts</b> replaced")
@@ -68,7 +69,7 @@ def test_a_question_is_answered_by_recording_the_repair(house, visit, eventually
     expect(page.locator('#legend [data-key="told"]')).to_be_visible()
     expect(page.locator('#legend [data-key="sudden"]')).to_be_hidden()
 
-    page.get_by_role("button", name="Undo: Repair of stiffness_change").press("Enter")
+    page.get_by_role("button", name="Undo: Repair of stiffness change").press("Enter")
     expect(page.locator(".recorded ol li.reversed")).to_contain_text("undone")
     assert eventually(lambda: "repair" not in marks(page)[1])
     expect(question).to_have_count(1)
@@ -103,3 +104,85 @@ def test_an_inspection_is_recorded_after_the_latest_reading(house, visit):
     form.get_by_role("button", name="Record", exact=True).press("Enter")
     expect(form.get_by_role("alert")).to_contain_text("in the future")
     expect(form.get_by_role("button", name="Record", exact=True)).to_be_enabled()
+
+
+def test_an_event_is_corrected_in_one_step_and_the_correction_is_undone(house, visit):
+    client = Client(house.url)
+    share = {"restored_share": 0.9, "restored_share_sd": 0.1}
+    told = {"event": "r1", "kind": "repair", "slow_time": AT - 1.0, "repair": share}
+    client.record_event("lab.beam", told | {"person": "Ann", "text": "Bolts."})
+    page = visit(house, "#lab.beam")
+    recorded, changes = page.locator(".recorded"), page.locator(".revisions")
+    item = recorded.locator("ol > li")
+    recorded.locator("summary").press("Enter")
+    recorded.get_by_role("button", name="Correct: Repair recorded by Ann").press("Enter")
+    form = recorded.locator("form")
+    # The form holds what the event says.
+    expect(form.get_by_label("What happened")).to_have_value("repair")
+    expect(form.get_by_label("What happened")).to_be_focused()
+    expect(form.get_by_label("Restored")).to_have_value("share")
+    expect(form.get_by_label("Share [%]")).to_have_value("90")
+    expect(form.get_by_label("Standard deviation [%]")).to_have_value("10")
+    expect(form.get_by_label("Text")).to_have_value("Bolts.")
+    page.keyboard.press("Escape")
+    expect(recorded.get_by_role("button", name="Correct: Repair")).to_be_focused()
+    recorded.get_by_role("button", name="Correct: Repair").press("Enter")
+    form.get_by_label("Share [%]").fill("60")
+    form.get_by_label("Name").fill("Bob")
+    form.get_by_label("Reason").fill("Two <b>bolts</b> are old.")
+    found = Axe().run(page).response["violations"]
+    assert [v["id"] for v in found if v["impact"] in ("serious", "critical")] == []
+    form.get_by_role("button", name="Save").press("Enter")
+
+    # One entry, with what it said before; nothing but the share has changed.
+    expect(recorded.locator(".answer")).to_contain_text("Saved.")
+    expect(item).to_have_count(1)
+    expect(item).to_contain_text("Repair recorded by Bob: 60\u202f% ± 10\u202f% of the damage")
+    expect(item.locator(".former")).to_contain_text("Two <b>bolts</b> are old. Before:")
+    expect(item.locator("del")).to_contain_text("Repair recorded by Ann: 90\u202f%")
+    now, was = client.recorded_events("lab.beam").events
+    assert (now.event, now.repair, now.slow_time, now.text) == (
+        "r1.2", share | {"restored_share": 0.6}, AT - 1.0, "Bolts.",
+    )  # fmt: skip
+    assert was.reversed_by == "r1.2"
+    (change,) = client.changes("lab.beam")
+    assert [one.field for one in change.changes] == ["repair"]
+
+    changes.locator("summary").press("Enter")
+    expect(changes.locator("li")).to_contain_text("Bob (token a local user): Two <b>bolts</b>")
+    expect(changes.locator("li del")).to_contain_text("90\u202f%")
+    expect(changes.locator("li ins")).to_contain_text("60\u202f%")
+    changes.get_by_role("button", name="by Bob").press("Enter")
+    expect(changes.locator(".answer")).to_have_text("Put back.")
+    expect(item).to_have_count(1)
+    expect(item.locator(".former")).to_have_count(2)
+    assert client.recorded_events("lab.beam").events[0].repair == share
+    assert page.complaints == []
+
+
+def test_an_inspection_with_a_curve_of_points_is_corrected_without_losing_it(house, visit):
+    client = Client(house.url)
+    points = [{"damage": 0.1, "probability": 0.5}, {"damage": 0.3, "probability": 0.9}]
+    law = {"detected": False, "probability_of_detection": {"points": points}}
+    client.record_event(
+        "lab.beam", {"event": "i1", "kind": "inspection", "detection": law, "slow_time": 12.0}
+    )
+    page = visit(house, "#lab.beam", locale="de-DE")
+    recorded = page.locator(".recorded")
+    recorded.locator("summary").press("Enter")
+    said = "Inspektion, eingetragen von a local user: kein Schaden gefunden."
+    expect(recorded.locator("ol > li")).to_contain_text(said)
+    recorded.get_by_role("button", name="Berichtigen: Inspektion").press("Enter")
+    form = recorded.locator("form")
+    expect(form.get_by_label("Ergebnis")).to_have_value("none")
+    expect(form.get_by_label("Steigung der Entdeckungskurve")).to_be_hidden()
+    form.get_by_label("Ergebnis").select_option("found")
+    form.get_by_role("button", name="Speichern").press("Enter")
+    expect(recorded.locator("ol > li")).to_contain_text("eingetragen von a local user: Schaden")
+    now = client.recorded_events("lab.beam").events[0]
+    assert now.detection is not None
+    assert now.detection["detected"]
+    assert [p["damage"] for p in now.detection["probability_of_detection"]["points"]] == [
+        0.1, 0.3,
+    ]  # fmt: skip
+    assert now.slow_time == 12.0

@@ -1,8 +1,10 @@
 """Mode shapes of a finite-element model move in space on the page, measured over model."""
 
+import json
 import re
 
 import pytest
+from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import expect
 
 from tests.twin_server.towers import GROUPS, LOSS, epoch, full_model, tower
@@ -84,9 +86,99 @@ def test_a_phone_shows_the_shapes_without_scrolling_sideways(towered, visit):
         expect(views.get_by_role("button", name=name)).to_be_visible()
 
 
+INK = """([canvas, hex]) => {
+  const [r, g, b] = [1, 3, 5].map((at) => parseInt(hex.slice(at, at + 2), 16));
+  const { data } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
+  let count = 0;
+  for (let i = 0; i < data.length; i += 4)
+    count += data[i + 3] > 200
+      && Math.hypot(data[i] - r, data[i + 1] - g, data[i + 2] - b) < 12;
+  return count;
+}"""
+
+
+@pytest.mark.parametrize(
+    ("locale", "said"),
+    [
+        ("en-GB", ("loss of 15", "thick: certain", "Sensor measures", "upper legs −1")),
+        ("de-DE", ("Verlust von 15", "dick: sicher", "Sensor misst", "upper legs −1")),
+    ],
+)
+def test_lines_are_coloured_by_their_change_and_sensors_by_their_health(
+    towered, visit, locale, said
+):
+    page = visit(towered, "#lab.tower", locale=locale, reduced_motion="reduce")
+    canvas = canvas_of(page)
+    expect(canvas).to_have_attribute("data-nodes", "12")
+    tones = json.loads(canvas.get_attribute("data-tones"))
+    assert set(tones) == set(GROUPS)
+    assert [name for name, one in tones.items() if one["sure"]] == ["upper legs"]
+    # In front, where nothing pales them, the weakened legs have their colour.
+    assert canvas.evaluate(f"(c, hex) => ({INK})([c, hex])", tones["upper legs"]["tone"]) > 50
+    # Nobody sends any more: what was measured stays, and the sensors are silent.
+    heard = json.loads(canvas.get_attribute("data-sensors"))
+    assert sum(heard.values()) == 8
+    words = page.locator('[id="lab.tower"] .wireframe .tones')
+    for text in said[:3]:
+        expect(words).to_contain_text(text)
+    assert said[3] in canvas.get_attribute("aria-label")
+    found = Axe().run(page).response["violations"]
+    assert [v["id"] for v in found if v["impact"] in ("serious", "critical")] == []
+    assert page.complaints == []
+
+
+HEALTHS = """async ([scene, changes]) => {
+  const { WireframeView } = await import('/assets/wireframe.js');
+  const healths = ['measures', 'missing', 'silent'];
+  const sensors = scene.sensors.slice(0, 3).map((one, i) => (
+    { ...one, node: scene.nodes.length - 1 - i, health: healths[i] }
+  ));
+  const view = new WireframeView({ ...scene, modes: [], changes, sensors }, { still: true });
+  document.body.append(view.root);
+  await new Promise(requestAnimationFrame);
+  const drawn = [view.canvas.dataset.tones, view.canvas.dataset.sensors].map(JSON.parse);
+  const picture = () => view.canvas.toDataURL(), before = picture();
+  const label = view.canvas.getAttribute('aria-label');
+  view.show({ ...view.scene, changes: {} });
+  const uncoloured = picture(), keys = view.keys.children.length;
+  view.close();
+  view.root.remove();
+  return [...drawn, before !== uncoloured, keys, label];
+}"""
+
+
+def test_colours_tell_size_and_certainty_and_dots_each_health(towered, visit):
+    page = visit(towered)
+    scene = towered.get(f"{TOWER}/shapes").json()
+    changes = {
+        "lower legs": {"value": 0.03, "sd": 0.01, "lo": 0.01, "hi": 0.05},
+        "upper legs": {"value": -0.1, "sd": 0.01, "lo": -0.12, "hi": -0.08},
+        "braces": {"value": -0.05, "sd": 0.04, "lo": -0.13, "hi": 0.03},
+    }
+    tones, sensors, coloured, keys, label = page.evaluate(HEALTHS, [scene, changes])
+    assert [one["sure"] for one in tones.values()] == [True, True, False]
+    # −10 % is the end of the scale, −5 % half way to it, and a gain goes another way.
+    end, half, gain = (tones[name]["tone"] for name in ("upper legs", "braces", "lower legs"))
+    assert end == "#b04900"
+    middle = [(a + b) / 2 for a, b in zip(rgb(end), rgb("#5c636a"), strict=True)]
+    assert rgb(half) == pytest.approx(middle, abs=1)
+    assert rgb(gain)[2] > rgb(gain)[0]
+    assert sensors == {"silent": 1, "missing": 1, "measures": 1}
+    assert (coloured, keys) == (True, 3)
+    assert "Sensor silent: " in label
+    assert "upper legs −10\u202f% (95\u202f%: −12\u202f% … −8\u202f%)" in label
+
+
+def rgb(tone):
+    return [int(tone[at : at + 2], 16) for at in (1, 3, 5)]
+
+
 def test_rest_tells_shapes_of_the_latest_epoch_and_of_an_earlier_one(towered):
     found = towered.get(f"{TOWER}/shapes").json()
     assert found["changed"] == ["upper legs"]
+    assert found["changes"]["upper legs"]["hi"] < -0.05
+    assert set(found["changes"]) == set(GROUPS)
+    assert all(sensor["measured"] for sensor in found["sensors"])
     both = [mode for mode in found["modes"] if mode["points"] and mode["wire"]]
     assert len(both) == 6
     for mode in both:

@@ -321,8 +321,14 @@ def test_the_keyboard_reaches_everything(house, visit):
         "State", "Diagnosis", "Larger charts", "History as JSON", "Readings shown (CSV)",
         "as Parquet", "Selected time",
     ]  # fmt: skip
-    assert tab(5) == [*["PNG"] * 4, "Simulate a load"]
-    assert tab(2) == ["Limits: none", "Repairs and inspections: none recorded"]
+    handle = "Stiffness change: move the limit to see when the forecast reaches it"
+    assert tab(6) == ["PNG", "PNG", handle, "PNG", "PNG", "Simulate a load"]
+    assert tab(4) == [
+        "Limits: none",
+        "Costs: none, so no maintenance plan is made",
+        "Changes of limits, costs, recorded events and other settings",
+        "Repairs and inspections: none recorded",
+    ]
     assert tab(1)[0].startswith("1 event")
 
 
@@ -440,9 +446,7 @@ def test_a_view_speaks_german(house, visit, view):
 
 
 @pytest.mark.long
-def test_the_plan_speaks_german_and_marks_what_the_server_says(
-    house, visit, ageing, eventually
-):
+def test_the_plan_speaks_german(house, visit, ageing, eventually):
     body = house.client.put("/api/v1/twins/lab.plan", json=PLANNED)
     assert body.status_code == 201, body.text
     house.feed(ageing(60, asset="plan"))
@@ -452,8 +456,9 @@ def test_the_plan_speaks_german_and_marks_what_the_server_says(
     plan = part(page, ".plan", "lab.plan")
     expect(plan.locator("caption")).to_have_text("Optionen, die günstigste zuerst")
     expect(plan.locator("thead th").nth(2)).to_contain_text("erwartete Kosten")
-    expect(plan.locator(".sentence [lang=en]")).to_have_count(1)
-    expect(plan.locator("tbody th").first).to_have_attribute("lang", "en")
+    expect(plan.locator(".sentence")).to_contain_text("erwartete Kosten")
+    expect(plan.locator("tbody th").filter(has_text="jetzt reparieren")).to_have_count(1)
+    expect(plan.locator("[lang=en]")).to_have_count(0)
     expect(plan.locator(".y-title")).to_contain_text("Kosten bis dahin")
     value = part(page, "figcaption strong", "lab.plan").first
     expect(value).to_contain_text(re.compile(r"^\d,\d+\u202fHz$"))

@@ -1,4 +1,4 @@
-"""Changes of registrations over REST and by the client: kept with author, refused, undone."""
+"""Changes of twins over REST and by the client: kept with author, refused, undone."""
 
 import pytest
 
@@ -111,6 +111,11 @@ def test_registering_anew_is_a_change_as_well(house):
         ({"after": {"name": "x"}, "reverses": 1}, 422, "both was given"),
         ({"reverses": 1, "before": {"name": ""}}, 422, "before was given with reverses"),
         ({"after": {"model": None}}, 422, "alarms"),
+        ({"after": {"repair": None}}, 422, "repair, which is no field of a registration"),
+        ({"after": {"name": "x"}, "event": "r1"}, 422, "name, which is no field of a recorded"),
+        ({"after": {"text": "x"}, "event": "r1", "before": {"name": ""}}, 422, "with event"),
+        ({"reverses": 1, "event": "r1"}, 422, "event was given with reverses"),
+        ({"after": {"text": "x"}, "event": "r1"}, 409, "At body.event, r1 was given"),
         ({"after": {"name": "x"}, "before": {"name": "y"}}, 409, "has changed name of"),
         ({"after": {"name": ""}}, 409, "has these values already"),
         ({"reverses": 99}, 409, "99 was given"),

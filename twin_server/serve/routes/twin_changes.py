@@ -1,4 +1,4 @@
-"""Routes of changes of registrations: change fields, undo a change, and list all changes."""
+"""Routes of changes of twins: change fields, correct an event, undo, and list all changes."""
 
 from collections.abc import Awaitable, Callable
 from typing import Annotated, Any, Protocol
@@ -6,11 +6,7 @@ from typing import Annotated, Any, Protocol
 from fastapi import APIRouter, Depends, Request, Response
 from pydantic_core import to_json
 
-from slowtime_schemas.registration_changes import (
-    RegistrationChange,
-    RegistrationChangeOrder,
-    RegistrationChanges,
-)
+from slowtime_schemas.twin_changes import TwinChange, TwinChangeOrder, TwinChanges
 from twin_server.identity.principals import principal_of
 from twin_server.registration.twin import Registration
 from twin_server.serve.http import problems
@@ -29,22 +25,20 @@ _PROBLEMS = problems.answers(
 )
 
 
-class RegistrationChangeService(Protocol):
-    """Service of changes of registrations; refusals are raised as `ProblemError`."""
+class TwinChangeService(Protocol):
+    """Service of changes of twins; refusals are raised as `ProblemError`."""
 
-    def change(
-        self, twin_id: str, order: RegistrationChangeOrder, principal: str
-    ) -> dict[str, Any]:
-        """Change fields of a registration; return the stored change."""
+    def change(self, twin_id: str, order: TwinChangeOrder, principal: str) -> dict[str, Any]:
+        """Change fields of a registration or of a recorded event; return the stored change."""
         ...
 
     def listed(self, twin_id: str) -> dict[str, Any]:
-        """Return the changes of a registration, the newest first."""
+        """Return the changes of a registration and of recorded events, the newest first."""
         ...
 
 
 def routes(
-    service: RegistrationChangeService,
+    service: TwinChangeService,
     known: Callable[[str], Awaitable[Registration]],
     changing: BoundedThreads,
 ) -> APIRouter:
@@ -64,27 +58,26 @@ def routes(
     @api.post(
         "/twins/{twin_id}/changes",
         status_code=201,
-        response_model=RegistrationChange,
+        response_model=TwinChange,
         responses=_PROBLEMS,
     )
     async def change(
-        request: Request, twin_id: TwinId, registration: Known, order: RegistrationChangeOrder
+        request: Request, twin_id: TwinId, registration: Known, order: TwinChangeOrder
     ) -> Response:
-        """Change alarms, forecast, costs and such of a twin, or undo such a change.
+        """Change alarms, forecast, costs and such of a twin, correct an event, or undo it.
 
         With `before`, only if those values still hold. The history is estimated again where
-        alarms or `confirm_readings` change.
+        alarms or `confirm_readings` change. With `event`, that recorded event is taken back and
+        a corrected one recorded instead of it, in one step; both are kept.
         """
         release_body_slot(request.scope)
         name = principal_of(request.scope).name
         told = await changing.run(lambda: service.change(twin_id, order, name))
         return Response(to_json(told), 201, media_type="application/json")
 
-    @api.get(
-        "/twins/{twin_id}/changes", response_model=RegistrationChanges, responses=_PROBLEMS
-    )
+    @api.get("/twins/{twin_id}/changes", response_model=TwinChanges, responses=_PROBLEMS)
     async def changes(twin_id: TwinId, registration: Known) -> Response:
-        """List who changed the registration, when, and each field before and after."""
+        """List who changed registration or recorded events, and each field before and after."""
         told = await listing.run(lambda: service.listed(twin_id))
         return Response(to_json(told), media_type="application/json")
 
