@@ -4,9 +4,9 @@ from typing import Any
 
 from pydantic import ConfigDict, Field
 
-from .base import RestAnswer
-
 from slowtime_schemas.quantities import Estimate
+
+from .base import RestAnswer
 
 Vector = tuple[float, float, float]
 

@@ -2,6 +2,7 @@
 
 import pytest
 
+from slowtime_schemas.asset_events import Correction
 from slowtime_services.client import AnswerError, Client
 
 TWIN = "/api/v1/twins/lab.beam"
@@ -159,9 +160,8 @@ def test_a_correction_is_one_step_with_history_and_undo(serving, ageing, eventua
         "Repair recorded by Bob: 50 % ± 10 % of the damage restored. Bolts. "
         "Corrects the event r1: Half of the bolts."
     )
-    assert (r2.event, r2.corrects, r2.reversed_by) == (
-        "r1.2", {"event": "r1", "text": "Half of the bolts."}, None,
-    )  # fmt: skip
+    assert r2.corrects == Correction(event="r1", text="Half of the bolts.")
+    assert (r2.event, r2.reversed_by) == ("r1.2", None)
     assert (r2.slow_time, i1.reversed_by, r1.reversed_by) == (59.0, None, "r1.2")
     said = [event for event in client.events("lab.beam") if event.kind == "asset_event"]
     assert said[-1].number == told.number

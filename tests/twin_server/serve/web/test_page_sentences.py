@@ -7,7 +7,7 @@ from playwright.sync_api import expect
 
 from slowtime.evolution.reasons import Reason
 from slowtime_services.client import Client
-from twin_server.estimate.elements.suspects import Suspect, size
+from twin_server.estimate.elements.suspects import SuspectGroup, size
 from twin_server.history import states
 from twin_server.pipeline.monitoring import gap
 from twin_server.serve.conclusion import Evidence, conclude
@@ -64,8 +64,8 @@ def sentences():
     for state in ("off", "waiting", "learning", "watching", "disagreeing"):
         yield gap._sentence(state, readings)
     sizes = size("j2", -0.08, 0.01), size("m1.mass", 0.124, 0.004)
-    yield Suspect("j2", sizes[:1]).sentence
-    yield Suspect("j2 or m1.mass", sizes).sentence
+    yield SuspectGroup("j2", sizes[:1]).sentence
+    yield SuspectGroup("j2 or m1.mass", sizes).sentence
     late = Evidence(reasons=0, alive=True, late_s=1234, set_aside=3)
     yield from (one.text for one in conclude(late).findings)
 
