@@ -27,7 +27,7 @@ from slowtime_schemas.quantities import Quantity
 from slowtime_services.matrices import MatrixModel, describe_reduced, read_matrix_model
 from slowtime_services.models import description_of, model_file_of
 from twin_server.estimate.elements.epochs import track_epochs
-from twin_server.estimate.elements.memory import Memory
+from twin_server.estimate.elements.memory import ElementMemory
 from twin_server.registration.structure import ElementModel, model_of
 
 TOWER = Path(__file__).parents[2] / "docs/examples/lattice_tower.yaml"
@@ -244,7 +244,7 @@ class TowerTwin:
         lost = (1.0 + built) * (1.0 + change) - 1.0
         whole, softer = self.at(built), self.at(lost)
         before, after = self.features(whole, softer, later, rng)
-        memory = track_epochs(Memory(), self.twin, before, LEARN).memory
+        memory = track_epochs(ElementMemory(), self.twin, before, LEARN).memory
         begin = time.process_time()
         reading = track_epochs(memory, self.twin, after, LEARN).readings[-1]
         seconds = (time.process_time() - begin) / later

@@ -65,7 +65,7 @@ def noisy_ratio(slow_time: Array, which: str) -> Array:
 
 def smoothed(
     slow_time: Array, readings: Array, *, smoothness: float, straight: bool
-) -> filtering.Smoothed:
+) -> filtering.SmoothedProcess:
     """Smooth readings over slow time: a Matérn process about a mean, learnt from them."""
     sd = np.full_like(readings, ERROR_SD)
     learnt = fit(slow_time, readings, sd, smoothness=smoothness, straight=straight)

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 
 from edge_agent.settings import Origin, VirtualStageSettings
 from slowtime.dynamics.description import Description
-from slowtime.estimation.virtual import VirtualSensor, VirtualState, Window
+from slowtime.estimation.virtual import SensorWindow, VirtualSensor, VirtualState
 from slowtime.signals.block import Block
 from slowtime_schemas.messages import Virtual, VirtualQuantity
 from slowtime_services.virtual_sensors.sensor import make_sensor, read_structure, si_factors
@@ -94,7 +94,7 @@ class VirtualStage:
             start_ns=block.start_ns,
         )
 
-    def _message(self, running: RunningSensor, window: Window, sequence: int) -> Virtual:
+    def _message(self, running: RunningSensor, window: SensorWindow, sequence: int) -> Virtual:
         rate = running.latest.true_rate_hz
         every = max(
             1,

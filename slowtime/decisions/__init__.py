@@ -6,7 +6,13 @@ from .ensemble import Ensemble, from_paths
 from .information import Information, linear_loss, value_of_information
 from .lead_times import Access, LastOrder
 from .lookahead import Lookahead, look_ahead
-from .markov import BeliefSolution, Process, Solution, solve_beliefs, value_iteration
+from .markov import (
+    BeliefSolution,
+    MarkovDecisionProcess,
+    Solution,
+    solve_beliefs,
+    value_iteration,
+)
 from .observations import Observation, Worth
 from .option import Option
 from .plan import Plan, Terms, make_plan
@@ -26,10 +32,10 @@ __all__ = [
     "Information",
     "LastOrder",
     "Lookahead",
+    "MarkovDecisionProcess",
     "Observation",
     "Option",
     "Plan",
-    "Process",
     "Ranking",
     "Solution",
     "Terms",

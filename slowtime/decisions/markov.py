@@ -18,7 +18,7 @@ MOST_SWEEPS = 100_000
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Process:
+class MarkovDecisionProcess:
     """A Markov decision process, partly seen where `observation` is given.
 
     Parameters
@@ -69,7 +69,7 @@ class Solution:
     action: Int[np.ndarray, " state"]
 
 
-def value_iteration(process: Process) -> Solution:
+def value_iteration(process: MarkovDecisionProcess) -> Solution:
     """Solve a process whose state is seen."""
     value = np.zeros(len(process.cost))
     scale = max(float(np.abs(process.cost).max()) / (1.0 - process.discount), 1e-300)
@@ -142,7 +142,9 @@ def beliefs_on_grid(states: int, steps: int) -> Float[np.ndarray, "belief state"
     return (np.diff(np.array(edges), axis=1) - 1) / steps
 
 
-def solve_beliefs(process: Process, *, steps: int = 20, sweeps: int = 2000) -> BeliefSolution:
+def solve_beliefs(
+    process: MarkovDecisionProcess, *, steps: int = 20, sweeps: int = 2000
+) -> BeliefSolution:
     """Solve a partially observed process by point-based value iteration on a grid of beliefs.
 
     Parameters

@@ -10,7 +10,7 @@ from .curves import Curve, columns, point_of_rate, points_of_periods
 from .fleet import FleetPrior
 from .history import LEVEL_WIDTH, History, Series
 from .law import Drawn
-from .sampling import Sample, importance_sample, normal_log_density
+from .sampling import WeightedPoints, importance_sample, normal_log_density
 
 POINTS, ROUNDS = 256, 2
 """Shapes of each proposal, and proposals after the first [1]."""
@@ -58,7 +58,7 @@ class CurveLaw:
 
         if curve.broken is not None:
             places = _places(history)
-            sample = Sample(places, np.full(len(places), -np.log(len(places))))
+            sample = WeightedPoints(places, np.full(len(places), -np.log(len(places))))
         elif size:
             sample = importance_sample(
                 log_likelihood, normal_log_density, lambda n: n, normal_log_density, size,
@@ -66,12 +66,12 @@ class CurveLaw:
                 starts=_starts(curve, history) if curve.harmonics else None,
             )  # fmt: skip
         else:
-            sample = Sample(np.zeros((1, 0)), np.zeros(1))
+            sample = WeightedPoints(np.zeros((1, 0)), np.zeros(1))
         found = _solve(curve, history, sample.points, *prior)
         log = sample.log_base + found.log_likelihood
         kept = log > log.max() - NEGLIGIBLE
         return CurvePosterior(
-            curve, history, Sample(sample.points[kept], sample.log_base[kept]),
+            curve, history, WeightedPoints(sample.points[kept], sample.log_base[kept]),
             found.mean[kept], np.linalg.inv(found.information[kept]),
             found.log_likelihood[kept], found.misfit[kept], len(history.time),
         )  # fmt: skip
@@ -160,7 +160,7 @@ class CurvePosterior:
 
     curve: Curve
     history: History
-    sample: Sample
+    sample: WeightedPoints
     mean: Float[np.ndarray, "point column"]
     covariance: Float[np.ndarray, "point column column"]
     log_likelihood: Float[np.ndarray, " point"]

@@ -18,7 +18,7 @@ from scipy.special import chdtrc, logsumexp
 from .fleet import FleetPrior
 from .history import LEVEL_WIDTH, History, Series
 from .law import Drawn
-from .sampling import Sample, importance_sample
+from .sampling import WeightedPoints, importance_sample
 
 CELLS = 256
 """Cells of the grid of the level [1]."""
@@ -76,7 +76,7 @@ class Direction:
     """
 
     sign: float
-    sample: Sample
+    sample: WeightedPoints
     low: float
     cell: float
     time: float
@@ -224,7 +224,7 @@ def _direction(
             -0.5 * np.sum(scaled**2, axis=1) - np.log(width).sum() - np.log(2.0 * np.pi)
         )
 
-    def begun(sample: Sample) -> Direction:
+    def begun(sample: WeightedPoints) -> Direction:
         number = len(sample.points)
         vague = np.exp(-0.5 * ((low + (np.arange(CELLS) + 0.5) * cell - sign * history.centre)
                                / (LEVEL_WIDTH * history.scatter)) ** 2)  # fmt: skip
@@ -236,7 +236,7 @@ def _direction(
         )  # fmt: skip
 
     def log_likelihood(points: np.ndarray) -> np.ndarray:
-        one = begun(Sample(points, np.zeros(len(points))))
+        one = begun(WeightedPoints(points, np.zeros(len(points))))
         return _followed(history, one, thinned.time, thinned.value, thinned.sd).log_likelihood
 
     sample = importance_sample(

@@ -17,7 +17,7 @@ LEVEL_WIDTH = 10.0
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Event:
+class KnownChange:
     """A known change of the asset between two readings.
 
     Parameters
@@ -67,7 +67,7 @@ class History:
     time: Series
     value: Series
     sd: Series
-    events: tuple[Event, ...]
+    events: tuple[KnownChange, ...]
     origin: float
     span: float
     centre: float
@@ -137,7 +137,7 @@ def history_of(
     value: Series,
     sd: Series,
     *,
-    events: Sequence[Event] = (),
+    events: Sequence[KnownChange] = (),
     origin: float | None = None,
 ) -> History:
     """Sort the usable readings by time, and compute their scales.

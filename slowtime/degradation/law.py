@@ -82,7 +82,7 @@ class Posterior(Protocol):
 
 
 @runtime_checkable
-class Law(Protocol):
+class DegradationLaw(Protocol):
     """A degradation law: how a quantity may change over slow time."""
 
     @property

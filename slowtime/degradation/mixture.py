@@ -15,8 +15,8 @@ from slowtime.evolution.life.threshold_crossing import SampledFutures
 from .fleet import FleetPrior
 from .gaussian import NAME as GAUSSIAN
 from .gaussian import GaussianLaw
-from .history import Event, Series, history_of
-from .law import Law, Posterior
+from .history import KnownChange, Series, history_of
+from .law import DegradationLaw, Posterior
 from .registry import PRIOR_WEIGHTS, STANDARD
 
 BOUND = -1.0
@@ -212,9 +212,9 @@ def learn(
     value: Series,
     sd: Series,
     *,
-    laws: Sequence[Law] | None = None,
+    laws: Sequence[DegradationLaw] | None = None,
     outlook: Outlook | None = None,
-    events: Sequence[Event] = (),
+    events: Sequence[KnownChange] = (),
     origin: float | None = None,
     fleet: Mapping[str, FleetPrior] | None = None,
     prior: Mapping[str, float] | None = None,
@@ -256,7 +256,9 @@ def learn(
     True
     """
     history = history_of(time, value, sd, events=events, origin=origin)
-    family: Sequence[Law] = [*STANDARD, GaussianLaw(outlook)] if laws is None else laws
+    family: Sequence[DegradationLaw] = (
+        [*STANDARD, GaussianLaw(outlook)] if laws is None else laws
+    )
     told = fleet or {}
     posteriors = {law.name: law.learn(history, told.get(law.name)) for law in family}
     if len(posteriors) < len(family):

@@ -15,10 +15,10 @@ from .curves import (
     STEPPED,
 )
 from .gamma_process import GammaLaw
-from .law import Law
+from .law import DegradationLaw
 from .wiener import WienerLaw
 
-STANDARD: tuple[Law, ...] = (
+STANDARD: tuple[DegradationLaw, ...] = (
     CurveLaw(LINEAR),
     CurveLaw(FADE),
     CurveLaw(POWER),

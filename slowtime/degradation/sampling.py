@@ -8,7 +8,7 @@ from jaxtyping import Float
 from scipy.special import gammaln, logsumexp, ndtri
 from scipy.stats import chi2, qmc
 
-from slowtime.estimation.hyperparameters import Prior, climb
+from slowtime.estimation.hyperparameters import HyperparameterPrior, climb
 
 FREEDOM = 5.0
 """Degrees of freedom of the t proposals [1]: tails heavier than the posterior's."""
@@ -25,7 +25,7 @@ TEMPERED = 24
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Sample:
+class WeightedPoints:
     """Points with importance weights.
 
     Parameters
@@ -51,7 +51,7 @@ def importance_sample(
     points: int = 256,
     rounds: int = 3,
     starts: Float[np.ndarray, "start parameter"] | None = None,
-) -> Sample:
+) -> WeightedPoints:
     """Sample from a first proposal, then from t laws fitted to the weighted points so far.
 
     The second proposal is a t law about the maximum that Newton's method reaches from the
@@ -101,7 +101,7 @@ def importance_sample(
     base = log_prior(together) - _mixed(densities, together) - np.log(len(together))
     total = base + np.concatenate(likelihood)
     kept = total > total.max() - 14.0
-    return Sample(together[kept], base[kept])
+    return WeightedPoints(together[kept], base[kept])
 
 
 def _defined(
@@ -143,7 +143,7 @@ def _climbed(
     def objective(points: np.ndarray) -> np.ndarray:
         return np.asarray(log_likelihood(points) + log_prior(points))
 
-    prior = Prior(np.zeros(starts.shape[1]), np.ones(starts.shape[1]))
+    prior = HyperparameterPrior(np.zeros(starts.shape[1]), np.ones(starts.shape[1]))
     best = climb(objective, starts[int(objective(starts).argmax())], prior, difference=NARROW)
     return best.point, WIDER * np.linalg.cholesky(np.linalg.inv(best.curvature))
 

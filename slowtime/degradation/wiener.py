@@ -17,7 +17,7 @@ from slowtime.estimation.filtering import filtered
 from slowtime.estimation.state_space import Advanced, Belief, lifted, step
 
 from .fleet import FleetPrior
-from .history import LEVEL_WIDTH, Event, History, Series
+from .history import LEVEL_WIDTH, History, KnownChange, Series
 from .law import Drawn
 
 NODES = 33
@@ -192,7 +192,7 @@ class WienerPosterior:
         noise[..., 2, 2] = self.around**2 * (1.0 - keep**2)
         return transition, noise
 
-    def _restored(self, belief: Belief, event: Event) -> Belief:
+    def _restored(self, belief: Belief, event: KnownChange) -> Belief:
         """Take away a share of the damage: of the distance from the first level seen."""
         left, base = 1.0 - event.restored, float(self.history.value[0])
         mean, covariance = belief.mean.copy(), belief.covariance.copy()

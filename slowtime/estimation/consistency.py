@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import chdtr, chdtrc, chdtri
 
-from .gaussian import Gaussian, Step
-from .hyperparameters import Objective, Prior, climb
+from .gaussian import FilterStep, Gaussian
+from .hyperparameters import HyperparameterPrior, Objective, climb
 from .particle import Particles, ParticleStep
 
 
@@ -41,7 +41,7 @@ class Consistency:
     consistent: np.ndarray
 
 
-def nis(steps: Sequence[Step | ParticleStep], *, level: float = 0.95) -> Consistency:
+def nis(steps: Sequence[FilterStep | ParticleStep], *, level: float = 0.95) -> Consistency:
     """Test the normalised squared innovations (NIS) of a filter, without rejected readings.
 
     Parameters
@@ -127,7 +127,7 @@ def noise_factors(log_likelihood: Objective) -> NoiseFactors:
     -----
     Largest likelihood of the innovations, with a weak prior of a factor of about 50 either way.
     """
-    prior = Prior(np.zeros(2), np.full(2, 2.0))
+    prior = HyperparameterPrior(np.zeros(2), np.full(2, 2.0))
 
     def objective(points: np.ndarray) -> np.ndarray:
         total: np.ndarray = log_likelihood(np.exp(points)) + prior.log_density(points)

@@ -19,7 +19,7 @@ from scipy.special import ndtri
 from slowtime.dynamics.plant.parameter_names import Name
 from slowtime.dynamics.stochastic import Springs, WhiteForce
 
-from .gaussian import Gaussian, Step
+from .gaussian import FilterStep, Gaussian
 from .unscented import Unscented
 
 _REACH = 5.0
@@ -237,7 +237,7 @@ class Tally:
     surprise: np.ndarray
     used: np.ndarray
 
-    def plus(self, step: Step) -> "Tally":
+    def plus(self, step: FilterStep) -> "Tally":
         """Count one step more."""
         return Tally(
             self.log_likelihood + step.log_likelihood,

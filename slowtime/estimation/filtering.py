@@ -109,7 +109,7 @@ class Passed(NamedTuple):
     spread: Float[np.ndarray, "*family time"]
 
 
-class Smoothed(NamedTuple):
+class SmoothedProcess(NamedTuple):
     """The process, or a part of it, given all readings, without the noise of readings."""
 
     mean: Series
@@ -271,7 +271,7 @@ def smooth(
     *,
     part: Float[np.ndarray, " state"] | Float[np.ndarray, "time state"] | None = None,
     jumps: Sequence[Jump] = (),
-) -> Smoothed:
+) -> SmoothedProcess:
     """Estimate the process, or a part of it, at every time of the series given all of it.
 
     Ask for times without a reading, past or future, by putting them in with a value of NaN.
@@ -298,7 +298,7 @@ def smooth(
     rows = process.observation_row(time)
     asked = np.broadcast_to(rows if part is None else part, rows.shape)[None]
     found = Passes(process, time).smoothed(value, sd, asked, jumps=jumps)[0][0, 0]
-    return Smoothed(found[0], np.sqrt(np.maximum(found[1], 0.0)))
+    return SmoothedProcess(found[0], np.sqrt(np.maximum(found[1], 0.0)))
 
 
 def leave_one_out(

@@ -78,7 +78,7 @@ class Gaussian:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Step:
+class FilterStep:
     """One step of a filter: belief before the reading and after it, and how well it fitted.
 
     Parameters
@@ -141,7 +141,7 @@ class Filter(Protocol):
 
     def step(
         self, belief: Gaussian, reading: Float[np.ndarray, "*twins reading"], known: Any = None
-    ) -> tuple[Gaussian, Step]:
+    ) -> tuple[Gaussian, FilterStep]:
         """Predict one step, and update by one reading.
 
         Parameters
@@ -263,7 +263,7 @@ def take_in(
 
     Returns
     -------
-    Belief after the reading, and the remaining fields of a `Step`.
+    Belief after the reading, and the remaining fields of a `FilterStep`.
 
     References
     ----------
@@ -311,7 +311,7 @@ def take_in(
     }
 
 
-def smooth(steps: Sequence[Step]) -> list[Gaussian]:
+def smooth(steps: Sequence[FilterStep]) -> list[Gaussian]:
     r"""Belief at each step given all readings, past and future (Rauch, Tung and Striebel).
 
     .. math:: C_k = P_{k,k+1} (P^-_{k+1})^{-1}, \quad

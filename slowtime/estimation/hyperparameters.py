@@ -23,7 +23,7 @@ _STEPS = np.array([1.0, 0.5, 0.25, 0.1, 0.02, 2.0])
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Prior:
+class HyperparameterPrior:
     """Weak belief about logarithms of parameters: independent Gaussians."""
 
     centre: Float[np.ndarray, " parameter"]
@@ -55,7 +55,7 @@ class Prior:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Optimum:
+class ObjectiveOptimum:
     """Where the objective is greatest, how great, and minus its second derivatives there."""
 
     point: Float[np.ndarray, " parameter"]
@@ -84,11 +84,11 @@ def quasi_random_points(count: int, dimensions: int) -> Float[np.ndarray, "famil
 def climb(
     objective: Objective,
     start: Float[np.ndarray, " parameter"],
-    prior: Prior,
+    prior: HyperparameterPrior,
     *,
     iterations: int = 8,
     difference: float = _DIFFERENCE,
-) -> Optimum:
+) -> ObjectiveOptimum:
     """Maximise `objective` by Newton's method.
 
     All is measured in widths of the prior, which may be narrow for some parameters and wide for
@@ -130,7 +130,7 @@ def climb(
             break
         point, value = tried[best], float(values[best])
     widths = np.outer(prior.sd, prior.sd)
-    return Optimum(prior.centre + prior.sd * point, value, curvature / widths)
+    return ObjectiveOptimum(prior.centre + prior.sd * point, value, curvature / widths)
 
 
 def fit(
@@ -187,7 +187,7 @@ def fit(
 
 def weak_prior(
     time: Float[np.ndarray, " time"], value: Float[np.ndarray, " time"], *, straight: bool
-) -> tuple[Prior, SlowProcess]:
+) -> tuple[HyperparameterPrior, SlowProcess]:
     """Make a prior on the logarithms of length and spread, and a process with a vague mean.
 
     Parameters
@@ -225,7 +225,7 @@ def weak_prior(
         level_sd=10.0 * scatter,
         slope_sd=10.0 * scatter / span if straight else 0.0,
     )
-    return Prior(np.log([length, 0.7 * scatter]), np.array([1.4, 1.4])), base
+    return HyperparameterPrior(np.log([length, 0.7 * scatter]), np.array([1.4, 1.4])), base
 
 
 def _derivatives(

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from .gaussian import Gaussian, Step, root_of, smooth, take_in, triangular
+from .gaussian import FilterStep, Gaussian, root_of, smooth, take_in, triangular
 
-__all__ = ["Gaussian", "Kalman", "Step", "smooth", "update"]
+__all__ = ["FilterStep", "Gaussian", "Kalman", "smooth", "update"]
 
 
 def update(
@@ -110,7 +110,7 @@ class Kalman:
         belief: Gaussian,
         reading: Float[np.ndarray, "*twins reading"],
         known: Any = None,
-    ) -> tuple[Gaussian, Step]:
+    ) -> tuple[Gaussian, FilterStep]:
         """Predict one step, and update by one reading (eq. 1.22 to 1.26).
 
         Parameters
@@ -139,11 +139,11 @@ class Kalman:
         updated, rest = take_in(
             predicted, expected, predicted.root, seen, reading, self._reading_root, self.gate
         )
-        return updated, Step(predicted, updated, before, after, **rest)
+        return updated, FilterStep(predicted, updated, before, after, **rest)
 
     def run(
         self, belief: Gaussian, readings: Float[np.ndarray, "time *twins reading"]
-    ) -> list[Step]:
+    ) -> list[FilterStep]:
         """Filter a whole series.
 
         Parameters

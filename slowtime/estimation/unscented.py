@@ -26,9 +26,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from .gaussian import Gaussian, Step, root_of, smooth, take_in, triangular
+from .gaussian import FilterStep, Gaussian, root_of, smooth, take_in, triangular
 
-__all__ = ["Gaussian", "Step", "Unscented", "joint", "of_parameters", "smooth"]
+__all__ = ["FilterStep", "Gaussian", "Unscented", "joint", "of_parameters", "smooth"]
 
 Points = Float[np.ndarray, "*twins point _"]
 Through = Callable[[np.ndarray, Any], np.ndarray]
@@ -117,7 +117,7 @@ class Unscented:
         belief: Gaussian,
         reading: Float[np.ndarray, "*twins reading"],
         known: Any = None,
-    ) -> tuple[Gaussian, Step]:
+    ) -> tuple[Gaussian, FilterStep]:
         """Predict one step, and update by one reading.
 
         A twin for which f or h has no finite value near its mean stays where it was, and its
@@ -158,14 +158,14 @@ class Unscented:
         )
         if not fine.all():
             rest["rejected"] = rest["rejected"] | lost
-        return updated, Step(predicted, updated, before, after, **rest)
+        return updated, FilterStep(predicted, updated, before, after, **rest)
 
     def run(
         self,
         belief: Gaussian,
         readings: Float[np.ndarray, "time *twins reading"],
         known: Sequence[Any] | np.ndarray | None = None,
-    ) -> list[Step]:
+    ) -> list[FilterStep]:
         """Filter a whole series.
 
         Parameters

@@ -3,15 +3,15 @@
 from .change import Change
 from .downsampling import extremes
 from .reasons import Reason, explain
-from .stiffness_mass.joint import Joint, stiffness_and_mass
+from .stiffness_mass.joint import JointChange, stiffness_and_mass
 from .stiffness_mass.mass import mass_from_frequency
-from .stiffness_mass.nominal import Nominal, learn_nominal
+from .stiffness_mass.nominal import NominalOscillator, learn_nominal
 from .stiffness_mass.stiffness import stiffness_from_frequency
 
 __all__ = [
     "Change",
-    "Joint",
-    "Nominal",
+    "JointChange",
+    "NominalOscillator",
     "Reason",
     "explain",
     "extremes",

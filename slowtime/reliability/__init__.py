@@ -6,7 +6,7 @@ g, which fails where g is at most 0. Each method of `METHODS` takes it and retur
 
 from .design_points.first_order import form, mean_value
 from .design_points.outcrossing import Outcrossing, outcrossing
-from .design_points.search import Found, Search, find_design_points
+from .design_points.search import DesignPointSearch, Search, find_design_points
 from .design_points.second_order import sorm
 from .design_points.system import ditlevsen, system
 from .methods import METHODS, Method, estimate
@@ -36,8 +36,8 @@ __all__ = [
     "Conditional",
     "Copula",
     "DesignPoint",
+    "DesignPointSearch",
     "Evaluator",
-    "Found",
     "FrankCopula",
     "GaussianCopula",
     "GumbelCopula",

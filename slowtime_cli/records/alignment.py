@@ -7,7 +7,7 @@ import click
 import numpy as np
 
 from slowtime.identification.clock_alignment.alignment import align
-from slowtime.identification.clock_alignment.boards import Board
+from slowtime.identification.clock_alignment.boards import BoardRecord
 from slowtime_cli.shared.terminal import note
 from slowtime_services.files import Record, accelerations
 
@@ -66,7 +66,7 @@ def _apart_s(first: Record, second: Record) -> float:
 
 def _board(
     record: Record, start_s: float, clocks: ClockErrors, *, first: bool = False
-) -> Board:
+) -> BoardRecord:
     """Make a board of the longest part without a gap; the second has all clock error."""
     edges = [0, *(gap.row for gap in record.gaps), len(record.samples)]
     lost = np.cumsum([0, *(gap.missing for gap in record.gaps)])
@@ -75,7 +75,7 @@ def _board(
     ]
     rows, at, missing = max(parts)
     columns = _chosen(record)
-    return Board(
+    return BoardRecord(
         samples=np.asarray(record.samples, dtype=float)[at : at + rows, columns],
         channels=tuple(record.channels[column] for column in columns),
         rate_hz=record.rate_hz,

@@ -13,7 +13,7 @@ from slowtime.identification.free_decay.amplitude_law import DecayLaw, decay_law
 from slowtime.identification.free_decay.envelope import decay_envelope
 from slowtime.identification.nonlinear_distortion import (
     Distortion,
-    Resonance,
+    MeasuredResonance,
     distortion_of,
     find_period,
     fit_resonance,
@@ -149,7 +149,7 @@ def _known_sd(found: Distortion) -> Series | None:
     return None
 
 
-def _level(found: Distortion, mode: Resonance | None) -> Plain:
+def _level(found: Distortion, mode: MeasuredResonance | None) -> Plain:
     size = np.abs(found.response)
     return {
         "level": found.level,
@@ -189,7 +189,7 @@ SYMMETRIES = {
 }
 
 
-def _sentence(found: Sequence[Distortion], modes: Sequence[Resonance | None]) -> str:
+def _sentence(found: Sequence[Distortion], modes: Sequence[MeasuredResonance | None]) -> str:
     strongest = found[-1]
     said = [SYMMETRIES[strongest.symmetry]]
     first, last = modes[0], modes[-1]

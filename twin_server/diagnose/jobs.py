@@ -20,9 +20,9 @@ from typing import IO, Literal, NamedTuple
 from slowtime_services.operating_system import pause_process, resume_process
 from twin_server.fairness import (
     Holder,
-    Holding,
     Processors,
     Quota,
+    QuotaHolding,
     Turn,
     current_holder,
 )
@@ -88,7 +88,7 @@ class _Job:
 
     id: JobId
     folder: Path
-    holding: Holding
+    holding: QuotaHolding
     cancelled: bool = False
     stage: str = "starting"
     share: float = 0.0
@@ -147,7 +147,7 @@ class Jobs:
         for job in left:
             self._forget(job)
 
-    def reserve(self, what: str) -> Holding:
+    def reserve(self, what: str) -> QuotaHolding:
         """Take the place of a diagnosis that is being prepared.
 
         Raises
@@ -157,7 +157,7 @@ class Jobs:
         """
         return self.quota.take(current_holder(), what)
 
-    def submit(self, job: JobId, folder: Path, holding: Holding) -> None:
+    def submit(self, job: JobId, folder: Path, holding: QuotaHolding) -> None:
         """Enqueue the diagnosis of a folder, which is removed once that has ended."""
         holding.on_cancel = lambda: self.cancel(job)
         with self._changed:

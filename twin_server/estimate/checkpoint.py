@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from twin_server.registration.twin import Registration
 
 from .covariates import Condition, Training, condition_of, training_of
-from .elements.memory import Memory
+from .elements.memory import ElementMemory
 
 Epoch = tuple[float, float, float, float]
 """Frequency [Hz] and its sd, damping ratio [1] and its sd, of one epoch learnt from."""
@@ -75,7 +75,7 @@ class Checkpoint:
     learning: tuple[Epoch, ...] = ()
     trusted: SteadyFlag = SteadyFlag(True)
     raised: tuple[SteadyFlag, ...] = ()
-    elements: Memory | None = None
+    elements: ElementMemory | None = None
     training: Training | None = None
     condition: Condition | None = None
     renewals: float | None = None
@@ -92,7 +92,7 @@ class Checkpoint:
         return cls(
             known=known,
             raised=(SteadyFlag(False),) * len(registration.watched()),
-            elements=Memory() if registration.changes == "elements" else None,
+            elements=ElementMemory() if registration.changes == "elements" else None,
         )
 
     def to_json(self) -> str:
@@ -109,7 +109,7 @@ class Checkpoint:
             learning=tuple((f, s, z, e) for f, s, z, e in content["learning"]),
             trusted=SteadyFlag(**content["trusted"]),
             raised=tuple(SteadyFlag(**belief) for belief in content["raised"]),
-            elements=None if elements is None else Memory.from_dict(elements),
+            elements=None if elements is None else ElementMemory.from_dict(elements),
             training=training_of(content.get("training")),
             condition=condition_of(content.get("condition")),
             renewals=content.get("renewals"),

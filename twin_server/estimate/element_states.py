@@ -20,7 +20,7 @@ from .checkpoint import Checkpoint
 from .columns import without_covariates
 from .covariates import messages
 from .elements import EpochEstimate, TrackedEpochs, told_shape, track_epochs, units_of
-from .elements.memory import ChangeSuspicion, Memory
+from .elements.memory import ChangeSuspicion, ElementMemory
 from .notices import Notice
 from .renewals import follow_renewals
 
@@ -214,8 +214,8 @@ def _lesson(found: TrackedEpochs, row: int, count: int) -> Notice:
 
 
 def _doubted_units(
-    memory: Memory, features: Sequence[Features], model: ElementModel
-) -> tuple[Memory, list[Notice]]:
+    memory: ElementMemory, features: Sequence[Features], model: ElementModel
+) -> tuple[ElementMemory, list[Notice]]:
     """Make the notice of channels with doubtful units, if they have changed."""
     notices = []
     for row, message in enumerate(features):

@@ -3,7 +3,7 @@
 from .gate import FairGate
 from .holders import ALONE, Holder, acting_for, current_holder
 from .processors import Processors, Turn, usable_processors
-from .quota import ALPHA, HeldKind, Holding, OverQuotaError, Quota, may_take
+from .quota import ALPHA, HeldKind, OverQuotaError, Quota, QuotaHolding, may_take
 from .registry import Holdings
 from .usage import DecayedUsage
 
@@ -14,11 +14,11 @@ __all__ = [
     "FairGate",
     "HeldKind",
     "Holder",
-    "Holding",
     "Holdings",
     "OverQuotaError",
     "Processors",
     "Quota",
+    "QuotaHolding",
     "Turn",
     "acting_for",
     "current_holder",

@@ -56,7 +56,7 @@ def may_take(held: int, free: int, alpha: int = ALPHA) -> bool:
 
 
 @dataclasses.dataclass(eq=False, slots=True)
-class Holding:
+class QuotaHolding:
     """Something that is held: given back by `release`, or ended from outside by `cancel`.
 
     Parameters
@@ -109,7 +109,7 @@ class Quota:
         self.kind, self.most, self._setting = kind, most, setting
         self._of_site, self._of_token = of_site, of_token
         self._lock = threading.Lock()
-        self._held: dict[str, Holding] = {}
+        self._held: dict[str, QuotaHolding] = {}
         self._sites, self._tokens = Counter[str](), Counter[Holder]()
         self.refused = Counter[str]()
 
@@ -118,7 +118,7 @@ class Quota:
         """Number of slots that are held."""
         return len(self._held)
 
-    def held(self) -> list[Holding]:
+    def held(self) -> list[QuotaHolding]:
         """Return all that are held."""
         with self._lock:
             return list(self._held.values())
@@ -129,7 +129,7 @@ class Quota:
 
     def take(
         self, holder: Holder, what: str, on_cancel: Callable[[], object] | None = None
-    ) -> Holding:
+    ) -> QuotaHolding:
         """Take a slot.
 
         Raises
@@ -137,7 +137,7 @@ class Quota:
         OverQuotaError
             Where site or token hold too much, or all are held.
         """
-        holding = Holding(self, holder, what, on_cancel)
+        holding = QuotaHolding(self, holder, what, on_cancel)
         with self._lock:
             self._check(holder)
             self._held[holding.id] = holding
@@ -156,7 +156,7 @@ class Quota:
         with self._lock:
             self._check(holder)
 
-    def release(self, holding: Holding) -> None:
+    def release(self, holding: QuotaHolding) -> None:
         """Give a slot back."""
         with self._lock:
             if self._held.pop(holding.id, None) is None:

@@ -6,7 +6,7 @@ from typing import Any
 from twin_server.identity.principals import Principal
 
 from .holders import Holder
-from .quota import Holding, Quota
+from .quota import Quota, QuotaHolding
 
 
 class Holdings:
@@ -29,7 +29,7 @@ class Holdings:
         found = sorted(self._seen(principal), key=lambda one: one.since_s)
         return [_described(one) for one in found]
 
-    def find(self, holding_id: str, principal: Principal) -> Holding | None:
+    def find(self, holding_id: str, principal: Principal) -> QuotaHolding | None:
         """Return one by its id; None where there is none that the caller may see."""
         return next((one for one in self._seen(principal) if one.id == holding_id), None)
 
@@ -40,14 +40,14 @@ class Holdings:
             for site in sorted({*held, *quota.refused}):
                 yield quota.kind, site, held.count(site), quota.refused[site]
 
-    def _seen(self, principal: Principal) -> Iterator[Holding]:
+    def _seen(self, principal: Principal) -> Iterator[QuotaHolding]:
         for quota in self.quotas():
             for one in quota.held():
                 if principal.covers(one.holder.sites):
                     yield one
 
 
-def _described(one: Holding) -> dict[str, Any]:
+def _described(one: QuotaHolding) -> dict[str, Any]:
     holder: Holder = one.holder
     return {
         "id": one.id,

@@ -13,7 +13,7 @@ from slowtime_schemas.streams import Stream
 from slowtime_services.bus import Bus
 from slowtime_services.clock import SystemClock
 from slowtime_services.replay import Contents, Played, ReplayProgress, replay
-from twin_server.fairness import Holding, Processors, Turn
+from twin_server.fairness import Processors, QuotaHolding, Turn
 from twin_server.serve import ProblemError
 from twin_server.settings import RecordingSettings
 
@@ -67,7 +67,7 @@ class Replay:
         Its slot, which is given back at its end.
     """
 
-    holding: Holding
+    holding: QuotaHolding
     longest_s: float
     stop: threading.Event = dataclasses.field(default_factory=threading.Event)
     thread: threading.Thread | None = None

@@ -11,10 +11,10 @@ from twin_server.fairness import (
     ALONE,
     ALPHA,
     Holder,
-    Holding,
     OverQuotaError,
     Processors,
     Quota,
+    QuotaHolding,
     current_holder,
     may_take,
 )
@@ -40,7 +40,11 @@ class Upload:
     """
 
     def __init__(
-        self, name: str, principal: Principal, holding: Holding, settings: RecordingSettings
+        self,
+        name: str,
+        principal: Principal,
+        holding: QuotaHolding,
+        settings: RecordingSettings,
     ) -> None:
         self.name, self.sites, self._holding = name, principal.sites, holding
         self.received, self._settings = 0, settings

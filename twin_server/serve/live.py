@@ -17,7 +17,7 @@ from pydantic_core import to_json
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
-from twin_server.fairness import Holding, Quota, current_holder
+from twin_server.fairness import Quota, QuotaHolding, current_holder
 from twin_server.history.details import Bodies, part
 from twin_server.history.rendering import event_object, state_objects
 from twin_server.history.states import States
@@ -77,7 +77,7 @@ class LiveClient:
 
     def __init__(self, twin_id: str, backlog: int) -> None:
         self.twin_id, self._backlog = twin_id, backlog
-        self.holding: Holding | None = None
+        self.holding: QuotaHolding | None = None
         self._items: collections.deque[Item] = collections.deque()
         self.changed = asyncio.Event()
         self.ended = False

@@ -27,7 +27,7 @@ DESTINATIONS: Mapping[str, str] = {
 """Schemes of destinations, and what is sent there."""
 
 
-class Sender(Protocol):
+class ReadingSender(Protocol):
     """Takes readings to where they go."""
 
     def send(self, readings: Burst) -> None:
@@ -113,7 +113,7 @@ class _Zenoh:
         self._bus.close()
 
 
-def sender_to(url: str, rate_hz: float, router: str) -> Sender:
+def sender_to(url: str, rate_hz: float, router: str) -> ReadingSender:
     """Open a destination.
 
     Raises

@@ -26,7 +26,7 @@ from slowtime.discrepancy.localization import LinearModel
 from slowtime.dynamics.description import OpenJoint
 from slowtime.dynamics.effects import Kind, Motion, Place, force_along
 
-from .spectra import AmbientFit, Change, SpectralProblem
+from .spectra import AmbientFit, ConstantChange, SpectralProblem
 
 SAMPLES = 2**14
 """[samples] Of a simulated motion. Source: some hundred periods of the lowest mode, over which
@@ -169,18 +169,18 @@ class Equivalents:
         return np.array([value for values in zip(*every, strict=True) for value in values])
 
 
-def changes_of(problem: SpectralProblem, place: Place) -> tuple[Change, ...]:
+def changes_of(problem: SpectralProblem, place: Place) -> tuple[ConstantChange, ...]:
     """Give an element or a node constants of its own in each record."""
     if place.kind == "element":
         return element_changes(problem, place.id)
     mass = problem.plant.entries["mass", place.id].value
     return tuple(
-        Change(constant=("mass", place.id), record=record, scale=mass)
+        ConstantChange(constant=("mass", place.id), record=record, scale=mass)
         for record in range(len(problem.records))
     )
 
 
-def element_changes(problem: SpectralProblem, element: str) -> tuple[Change, ...]:
+def element_changes(problem: SpectralProblem, element: str) -> tuple[ConstantChange, ...]:
     """Give an element a stiffness and a damping of its own in each record."""
     linear = LinearModel.of(problem.plant.description)
     structure = linear.structure
@@ -197,7 +197,7 @@ def element_changes(problem: SpectralProblem, element: str) -> tuple[Change, ...
         "damping": PRIOR_RATIO * stiffness / lowest,
     }
     return tuple(
-        Change(constant=(what, element), record=record, scale=scale)
+        ConstantChange(constant=(what, element), record=record, scale=scale)
         for what, scale in scales.items()
         for record in range(len(problem.records))
     )

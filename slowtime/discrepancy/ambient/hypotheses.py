@@ -16,7 +16,7 @@ from .equivalents import Equivalents, element_changes, equivalents_of
 from .law_selection import fit_laws, laws_of_elements
 from .spectra import (
     AmbientFit,
-    Change,
+    ConstantChange,
     SpectralProblem,
     best_begin,
     expected_gains,
@@ -127,10 +127,10 @@ def compare_effects(
 
 def _changes(
     problem: SpectralProblem, kinds: Mapping[str, Kind]
-) -> dict[_Idea, Sequence[Change]]:
+) -> dict[_Idea, Sequence[ConstantChange]]:
     """List what may be changed: by place, and kind where it is of one."""
     description = problem.plant.description
-    changes: dict[_Idea, Sequence[Change]] = {
+    changes: dict[_Idea, Sequence[ConstantChange]] = {
         (Place("element", element.id), ""): element_changes(problem, element.id)
         for element in description.elements
         if isinstance(element, Spring)
@@ -138,7 +138,7 @@ def _changes(
     if "added_mass" in kinds:
         changes |= {
             (Place("node", node.id), "added_mass"): (
-                Change(constant=("mass", node.id), record=None, scale=node.mass_kg),
+                ConstantChange(constant=("mass", node.id), record=None, scale=node.mass_kg),
             )
             for node in description.nodes
             if node.mass_kg > 0
@@ -147,7 +147,7 @@ def _changes(
     if problem.sensors > 1:
         changes |= {
             (Place("sensor", sensor.channel), kind): (
-                Change(
+                ConstantChange(
                     constant=(what, sensor.channel),
                     record=None,
                     scale=radian_s if what == "delay" else 1.0,

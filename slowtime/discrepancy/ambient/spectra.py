@@ -82,7 +82,7 @@ Unknowns = Float[np.ndarray, " unknown"]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
-class Change:
+class ConstantChange:
     """A change of one constant of the model, to be estimated.
 
     Parameters
@@ -138,7 +138,7 @@ class AmbientFit:
     prior: Prior
     values: Float[np.ndarray, " free"]
     covariance: Float[np.ndarray, "free free"]
-    changes: tuple[Change, ...]
+    changes: tuple[ConstantChange, ...]
     change_values: Float[np.ndarray, " change"]
     change_covariance: Float[np.ndarray, "change change"]
     force_density: Float[np.ndarray, "record dof"]
@@ -200,9 +200,9 @@ class SpectralProblem:
     prior: Prior
     records: tuple[RecordLines, ...]
     forces: tuple[int, ...]
-    changes: tuple[Change, ...] = ()
+    changes: tuple[ConstantChange, ...] = ()
     sensed: Mapping[Name, float] = dataclasses.field(default_factory=dict)
-    """Gains [1] and delays [s] of sensors that are known to be off, by name as in `Change`."""
+    """Gains [1] and delays [s] of sensors known to be off, by name as in `ConstantChange`."""
 
     @property
     def free(self) -> int:
@@ -277,7 +277,7 @@ class SpectralProblem:
                 told[:, i] *= gain * np.exp(-2j * np.pi * frequency * delay_s)[:, None]
         return told
 
-    def with_changes(self, *changes: Change) -> "SpectralProblem":
+    def with_changes(self, *changes: ConstantChange) -> "SpectralProblem":
         """Copy the problem with other changes."""
         return dataclasses.replace(self, changes=changes)
 
@@ -369,7 +369,7 @@ def fit_spectra(
 
 
 def expected_gains(
-    problem: SpectralProblem, start: AmbientFit, places: Sequence[Sequence[Change]]
+    problem: SpectralProblem, start: AmbientFit, places: Sequence[Sequence[ConstantChange]]
 ) -> list[float]:
     """Gain of log likelihood [nats] that changes of each place promise, by the score test.
 

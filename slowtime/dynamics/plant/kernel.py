@@ -60,7 +60,7 @@ MAX_STATE = 1e60
 """Value of the first state beyond which a run is given up, in any unit."""
 
 
-class System(NamedTuple):
+class KernelArrays(NamedTuple):
     """Arrays that a run does not change: laws, matrices, and their slopes.
 
     Parameters
@@ -205,12 +205,12 @@ def padded_count(count: int) -> int:
     return -(-count // ROUND) * ROUND
 
 
-def has_events(system: System) -> bool:
+def has_events(system: KernelArrays) -> bool:
     """Whether friction, or laws that jump, make events."""
     return bool(len(system.jump_times) or system.effect_table[:, FRICTION].any())
 
 
-def memory_table(system: System, now: Workspace) -> Whole:
+def memory_table(system: KernelArrays, now: Workspace) -> Whole:
     """Return address and shape of each array, one row per array, then addresses of routines.
 
     Compiled functions take this one table as `store`; with the arrays as arguments, compiling

@@ -20,7 +20,7 @@ from .boundary import (
     pseudo_static,
 )
 from .imposed import Driven, differentiations, driven_by
-from .kernel import System, Workspace, has_events, memory_table, padded_count, simulate
+from .kernel import KernelArrays, Workspace, has_events, memory_table, padded_count, simulate
 from .matrices import MatrixParts
 from .parameter_names import Name
 from .sensing import (
@@ -343,7 +343,7 @@ def _carried_state(
 
 
 def _workspace(
-    system: System,
+    system: KernelArrays,
     state0: Float[np.ndarray, " states"],
     before: int,
     slopes: int,

@@ -13,7 +13,7 @@ from jaxtyping import Int
 
 from slowtime.dynamics.effects import Kind, Law
 
-from .kernel import System
+from .kernel import KernelArrays
 from .matrices import MatrixParts, Triple
 from .parameter_names import Name
 from .system import (
@@ -76,7 +76,7 @@ def is_linear(name: Name, matrices: MatrixParts) -> bool:
 
 
 @functools.lru_cache(maxsize=KEPT)
-def system_of(settings: Settings) -> System:
+def system_of(settings: Settings) -> KernelArrays:
     """Assemble a system, or return a cached one: a run leaves it unchanged.
 
     A run varies a parameter of a law while it differentiates it. No other run sees that:
@@ -103,7 +103,7 @@ def system_of(settings: Settings) -> System:
     # Central differences would step across an instant at which a law jumps.
     smooth = columns([None if name in jumps else name for name in layout.law_names])
     through = [(order.index(name), column) for name, column in settings.driven]
-    return System(
+    return KernelArrays(
         effect_table=layout.table,
         laws=addresses_of(layout, settings.kinds),
         p=np.array([values[name] for name in layout.law_names]),

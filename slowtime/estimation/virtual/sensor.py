@@ -28,7 +28,7 @@ MISFIT = 2.0
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Window:
+class SensorWindow:
     """Outputs over one window.
 
     Parameters
@@ -146,7 +146,7 @@ class VirtualSensor:
 
     def step(
         self, state: VirtualState, samples: Float[np.ndarray, "time channel"]
-    ) -> tuple[VirtualState, tuple[Window, ...]]:
+    ) -> tuple[VirtualState, tuple[SensorWindow, ...]]:
         """Process samples; return the windows that they complete.
 
         Parameters
@@ -172,7 +172,7 @@ class VirtualSensor:
             out.append(window)
         return dataclasses.replace(state, waiting=(waiting,)), tuple(out)
 
-    def finish(self, state: VirtualState) -> tuple[VirtualState, tuple[Window, ...]]:
+    def finish(self, state: VirtualState) -> tuple[VirtualState, tuple[SensorWindow, ...]]:
         """Work what is left of the last window, by the levels of the window before it."""
         left = np.concatenate(state.waiting) if state.waiting else np.zeros((0, 1))
         whole = len(left) // BLOCK * BLOCK
@@ -181,7 +181,9 @@ class VirtualSensor:
         state, window = self._run(state, left[:whole], state.filters)
         return dataclasses.replace(state, waiting=()), (window,)
 
-    def _take(self, state: VirtualState, samples: np.ndarray) -> tuple[VirtualState, Window]:
+    def _take(
+        self, state: VirtualState, samples: np.ndarray
+    ) -> tuple[VirtualState, SensorWindow]:
         levels = fit_levels(
             self._groups.spectra(samples, self.rate_hz),
             self._responses,
@@ -198,7 +200,7 @@ class VirtualSensor:
 
     def _run(
         self, state: VirtualState, samples: np.ndarray, filters: Filters
-    ) -> tuple[VirtualState, Window]:
+    ) -> tuple[VirtualState, SensorWindow]:
         states = state.states
         if states is None:
             states = np.zeros((len(self._models), filters.onward.shape[1]))
@@ -210,7 +212,7 @@ class VirtualSensor:
         levels = state.levels
         assert levels is not None
         index = state.taken + np.arange(len(samples))
-        window = Window(
+        window = SensorWindow(
             first_index=state.taken,
             values=mean,
             sd=np.sqrt(missing + wrong),

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from slowtime.estimation import filtering, hyperparameters, kernels
-from slowtime.estimation.hyperparameters import Prior
+from slowtime.estimation.hyperparameters import HyperparameterPrior
 from slowtime.estimation.matern import SlowProcess
 from slowtime.estimation.state_space import Jump
 from slowtime.evolution.change import Series
@@ -228,7 +228,7 @@ class _Smooth:
     """Processes without a wave, with jumps given, as they were learnt."""
 
     told: tuple[Jump, ...]
-    prior: Prior
+    prior: HyperparameterPrior
     base: SlowProcess
     family: SlowProcess
     learnt: ParameterPosterior
@@ -236,7 +236,7 @@ class _Smooth:
 
 def _smooth(
     readings: tuple[Usable, Usable, Usable],
-    prior: Prior,
+    prior: HyperparameterPrior,
     base: SlowProcess,
     told: tuple[Jump, ...],
     among: Sequence[float] = kernels.SMOOTHNESSES,
@@ -376,7 +376,7 @@ def predict(
     return continuation.begin(outlook, slow_time, value, sd).predict(horizon_times, level=level)
 
 
-def prior_of(time: Series, values: Series) -> tuple[Prior, SlowProcess]:
+def prior_of(time: Series, values: Series) -> tuple[HyperparameterPrior, SlowProcess]:
     """Prior of ln length, ln spread and ln drift, and a process with a vague trend.
 
     Parameters
@@ -394,7 +394,7 @@ def prior_of(time: Series, values: Series) -> tuple[Prior, SlowProcess]:
     span = time[-1] - time[0]
     # The drift that would move the level by a tenth of the scatter over the whole history.
     drift = np.log(0.1 * np.sqrt(3.0) * base.sd / span**1.5)
-    return Prior(np.append(prior.centre, drift), np.append(prior.sd, 1.5)), base
+    return HyperparameterPrior(np.append(prior.centre, drift), np.append(prior.sd, 1.5)), base
 
 
 def _members(

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from slowtime.estimation import hyperparameters
-from slowtime.estimation.hyperparameters import Optimum, Prior
+from slowtime.estimation.hyperparameters import HyperparameterPrior, ObjectiveOptimum
 
 Points = Float[np.ndarray, "family parameter"]
 Likelihood = Callable[[np.ndarray], np.ndarray]
@@ -42,7 +42,7 @@ class ParameterPosterior:
 
 def learn_parameters(
     likelihood: Likelihood,
-    prior: Prior,
+    prior: HyperparameterPrior,
     net: Float[np.ndarray, " family"] | None = None,
     *,
     iterations: int = 8,
@@ -88,7 +88,7 @@ def learn_parameters(
     return ParameterPosterior(points[kept], weights, float(evidence), best.point)
 
 
-def _about(best: Optimum) -> Points:
+def _about(best: ObjectiveOptimum) -> Points:
     """Spread points about the optimum, somewhat wider than its curvature asks for."""
     factor = np.linalg.cholesky(np.linalg.inv(best.curvature))
     normal = hyperparameters.quasi_random_points(NET, len(best.point))
@@ -96,7 +96,9 @@ def _about(best: Optimum) -> Points:
     return points
 
 
-def _log_proposal(points: Points, best: Optimum, prior: Prior) -> Float[np.ndarray, " family"]:
+def _log_proposal(
+    points: Points, best: ObjectiveOptimum, prior: HyperparameterPrior
+) -> Float[np.ndarray, " family"]:
     """Logarithm of the density that points about the optimum and of the net have together.
 
     The net reaches where the posterior has a tail that the optimum does not see, as when the

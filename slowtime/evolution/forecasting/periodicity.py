@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import fdtrc
 
-from slowtime.estimation.hyperparameters import Prior
+from slowtime.estimation.hyperparameters import HyperparameterPrior
 from slowtime.estimation.matern import SlowProcess
 from slowtime.estimation.processes import Matern, Sum, Trend, quasi_periodic
 
@@ -157,8 +157,8 @@ def log_sought(time: Usable, period: float) -> float:
 
 
 def prior_of(
-    period: float, time: Usable, value: Usable, base: SlowProcess, prior: Prior
-) -> Prior:
+    period: float, time: Usable, value: Usable, base: SlowProcess, prior: HyperparameterPrior
+) -> HyperparameterPrior:
     """Prior of length, spread and drift as without a wave, followed by that of the wave.
 
     Of the wave: its period, size, roughness within a period, and memory. Once the wave is
@@ -194,7 +194,9 @@ def prior_of(
     width = [_WIDTH * period / span, 1.0, 0.6, 1.2]
     centre = prior.centre.copy()
     centre[1] += np.log(left / float(np.max(base.sd)))
-    return Prior(np.append(centre, np.log(about)), np.append(prior.sd, np.maximum(width, 1e-3)))
+    return HyperparameterPrior(
+        np.append(centre, np.log(about)), np.append(prior.sd, np.maximum(width, 1e-3))
+    )
 
 
 def members(

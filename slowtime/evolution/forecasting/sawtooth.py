@@ -14,7 +14,7 @@ from jaxtyping import Float
 from scipy.special import logsumexp
 
 from slowtime.estimation import filtering
-from slowtime.estimation.hyperparameters import Prior
+from slowtime.estimation.hyperparameters import HyperparameterPrior
 from slowtime.estimation.matern import SlowProcess
 from slowtime.estimation.processes import Sum
 from slowtime.estimation.sawtooth import Sawtooth
@@ -194,7 +194,7 @@ def learn_teeth(
     readings: tuple[Usable, Usable, Usable],
     told: Sequence[Jump],
     base: SlowProcess,
-    wave_prior: Prior,
+    wave_prior: HyperparameterPrior,
     where: Places,
     begin: Float[np.ndarray, " parameter"],
 ) -> Repeating:
@@ -222,7 +222,7 @@ def learn_teeth(
     Sizes and memory are learnt with the edges where they are likeliest, then the places are
     weighed with the likeliest sizes; both together are taken for independent.
     """
-    prior = Prior(
+    prior = HyperparameterPrior(
         np.append(np.delete(wave_prior.centre, 3), wave_prior.centre[4]),
         np.append(np.delete(wave_prior.sd, 3), wave_prior.sd[4]),
     )
@@ -273,7 +273,9 @@ def _kernel() -> Callable[..., Any]:
     return compiled
 
 
-def _log_prior(where: Places, wave_prior: Prior, time: Usable) -> Float[np.ndarray, " place"]:
+def _log_prior(
+    where: Places, wave_prior: HyperparameterPrior, time: Usable
+) -> Float[np.ndarray, " place"]:
     """Probability of each place before the readings: any edge within a period is as likely."""
     period, span = where[:, 0], float(time[-1] - time[0])
     centre, width = float(wave_prior.centre[3]), float(wave_prior.sd[3])

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from slowtime.estimation import filtering
-from slowtime.estimation.hyperparameters import Prior
+from slowtime.estimation.hyperparameters import HyperparameterPrior
 from slowtime.estimation.matern import SlowProcess
 from slowtime.estimation.processes import Sum
 from slowtime.estimation.state_space import Jump
@@ -25,7 +25,7 @@ and teeth of many sizes; its prior mostly takes more than it adds."""
 def learn_periodic_process(
     readings: tuple[Usable, Usable, Usable],
     levelled: Usable,
-    prior: Prior,
+    prior: HyperparameterPrior,
     base: SlowProcess,
     told: Sequence[Jump],
     smooth: Float[np.ndarray, " parameter"],

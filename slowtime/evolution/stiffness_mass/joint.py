@@ -39,7 +39,7 @@ _UNKNOWN = 1e3  # relative sd that stands for a damping that was not measured
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Joint:
+class JointChange:
     """Changes of stiffness and of mass estimated together.
 
     Parameters
@@ -89,7 +89,7 @@ def stiffness_and_mass(
     nominal_relative_sd: PerReading = 0.0,
     nominal_damping_relative_sd: PerReading = 0.0,
     level: float = 0.95,
-) -> Joint:
+) -> JointChange:
     r"""Stiffness and mass from natural frequency and damping ratio, if they can be told apart.
 
     Parameters
@@ -225,7 +225,7 @@ def _conclude(
     reasons: UInt32[np.ndarray, " time"],
     damping_reasons: UInt32[np.ndarray, " time"],
     frequency: tuple[Series, Series],
-) -> Joint:
+) -> JointChange:
     """Meet the flat estimates with the priors; judge what the readings have added."""
     v1, v2, c = flat.mass_variance, flat.stiffness_variance, flat.covariance
     i1, i2, d = mass_precision, stiffness_precision, flat.determinant
@@ -251,7 +251,9 @@ def _conclude(
         quantile,
         (reasons_both, reasons_both, reasons),
     )
-    return Joint(on_stiffness, on_mass, on_ratio, np.clip(correlation, -1.0, 1.0), separable)
+    return JointChange(
+        on_stiffness, on_mass, on_ratio, np.clip(correlation, -1.0, 1.0), separable
+    )
 
 
 def _one_is_known(mass_precision: float, stiffness_precision: float) -> bool:

@@ -12,7 +12,7 @@ OUTLIER = 3.5
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Nominal:
+class NominalOscillator:
     """Nominal frequency and damping with their standard deviations.
 
     Parameters
@@ -50,7 +50,7 @@ def learn_nominal(
     sd: PerReading,
     damping: Series | None = None,
     damping_sd: PerReading | None = None,
-) -> Nominal:
+) -> NominalOscillator:
     """Nominal frequency and damping ratio: weighted means over epochs that agree.
 
     Epochs further than `OUTLIER` robust standard deviations from the weighted median are left
@@ -88,7 +88,7 @@ def learn_nominal(
         zeta, zeta_sd = np.nan, np.nan
     else:
         zeta, zeta_sd, _ = _agreed_mean(damping, damping_sd)
-    return Nominal(mean, mean_sd, zeta, zeta_sd, used, len(frequency) - used)
+    return NominalOscillator(mean, mean_sd, zeta, zeta_sd, used, len(frequency) - used)
 
 
 def _agreed_mean(values: Series, sds: PerReading) -> tuple[float, float, int]:

@@ -5,8 +5,8 @@ What the data cannot tell is said in words, with what would tell it.
 
 from .experiments import Remedy, propose_measurements
 from .fit import Optimum, StructurePosterior, estimate
-from .hypotheses import Hypothesis, NamedChanges, name_changes
-from .identifiability import Limit, identifiability_limits
+from .hypotheses import ChangedParts, NamedChanges, name_changes
+from .identifiability import IdentifiabilityLimit, identifiability_limits
 from .measured_modes import MeasuredModes
 from .parametric_structure import ParametricStructure
 from .sensor_placement import (
@@ -20,9 +20,9 @@ from .shape_scatter import ShapeScatter, estimate_with_scatter, shape_scatter
 from .updatable_models import ReducedStructure, SparseStructure, UpdatableModel
 
 __all__ = [
+    "ChangedParts",
     "Criterion",
-    "Hypothesis",
-    "Limit",
+    "IdentifiabilityLimit",
     "MeasuredModes",
     "ModePrecision",
     "NamedChanges",

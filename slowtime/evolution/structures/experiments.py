@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from .fit import StructurePosterior, total_misfit
-from .identifiability import Limit, ratio_along
+from .identifiability import IdentifiabilityLimit, ratio_along
 from .measured_modes import MeasuredModes
 from .parametric_structure import ParametricStructure
 
@@ -38,7 +38,7 @@ class Remedy:
 
     means: Means
     where: tuple[str, ...]
-    tells: tuple[Limit, ...]
+    tells: tuple[IdentifiabilityLimit, ...]
     ratio: float
     sentence: str
 
@@ -47,7 +47,7 @@ def propose_measurements(
     structure: ParametricStructure,
     measured: MeasuredModes,
     posterior: StructurePosterior,
-    limits: tuple[Limit, ...],
+    limits: tuple[IdentifiabilityLimit, ...],
 ) -> tuple[Remedy, ...]:
     """Propose, for each means, the place that lifts most of the limits; none if it lifts none.
 
@@ -148,7 +148,7 @@ def _shape_sd(measured: MeasuredModes) -> float:
 
 
 def _remedy(
-    means: Means, where: tuple[str, ...], tells: tuple[Limit, ...], ratio: float
+    means: Means, where: tuple[str, ...], tells: tuple[IdentifiabilityLimit, ...], ratio: float
 ) -> Remedy:
     places = " and ".join(where)
     opening = {
@@ -160,7 +160,7 @@ def _remedy(
     return Remedy(means, where, tells, ratio, f"{opening} would tell: {what}.")
 
 
-def _subject(limit: Limit) -> str:
+def _subject(limit: IdentifiabilityLimit) -> str:
     if limit.kind == "scale":
         return "the common factor on stiffness and mass"
     if limit.kind == "alike":

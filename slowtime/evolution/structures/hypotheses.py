@@ -30,7 +30,7 @@ _RIVAL = 0.2  # of the probability of the best, from which a hypothesis is told 
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Hypothesis:
+class ChangedParts:
     """One set of changed parts, how probable, and by how much they have changed.
 
     Parameters
@@ -67,7 +67,7 @@ class NamedChanges:
         For a person.
     """
 
-    hypotheses: tuple[Hypothesis, ...]
+    hypotheses: tuple[ChangedParts, ...]
     inclusion: dict[str, float]
     sentence: str
 
@@ -196,11 +196,11 @@ def _conclude(
 
 def _hypothesis(
     structure: UpdatableModel, changed: frozenset[int], weight: float, found: Optimum
-) -> Hypothesis:
+) -> ChangedParts:
     which = np.array(sorted(changed), dtype=int)
     log, log_sd = found.theta[which], np.sqrt(np.diag(found.covariance))[which]
     half = check_level(0.95) * log_sd
-    return Hypothesis(
+    return ChangedParts(
         tuple(structure.names[i] for i in which),
         weight,
         np.expm1(log),
@@ -210,7 +210,7 @@ def _hypothesis(
     )
 
 
-def _sentence(hypotheses: list[Hypothesis]) -> str:
+def _sentence(hypotheses: list[ChangedParts]) -> str:
     best = hypotheses[0]
     rivals = [h for h in hypotheses if h.probability >= _RIVAL * best.probability]
     if best.probability >= _TOLD:
@@ -222,7 +222,7 @@ def _sentence(hypotheses: list[Hypothesis]) -> str:
     return f"{said[0].upper()}{said[1:]} (together probability {total:.0%})."
 
 
-def _said(hypothesis: Hypothesis) -> str:
+def _said(hypothesis: ChangedParts) -> str:
     if not hypothesis.names:
         return "nothing"
     each = zip(hypothesis.names, hypothesis.change, hypothesis.sd, strict=True)

@@ -24,7 +24,7 @@ _MAIN = 0.35  # share of the largest member from which a member is named
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Limit:
+class IdentifiabilityLimit:
     """One thing that the data cannot tell.
 
     Parameters
@@ -51,7 +51,7 @@ class Limit:
 
 def identifiability_limits(
     structure: UpdatableModel, posterior: StructurePosterior
-) -> tuple[Limit, ...]:
+) -> tuple[IdentifiabilityLimit, ...]:
     """Say what the data that led to `posterior` leave open."""
     slope, sd = posterior.optima[0].whitened, posterior.prior_sd
     information = slope.T @ slope
@@ -86,7 +86,9 @@ def _told(information: np.ndarray, direction: np.ndarray) -> bool:
     return bool(direction @ information @ direction >= _TOLD)
 
 
-def _scale(structure: UpdatableModel, information: np.ndarray, sd: np.ndarray) -> list[Limit]:
+def _scale(
+    structure: UpdatableModel, information: np.ndarray, sd: np.ndarray
+) -> list[IdentifiabilityLimit]:
     if not structure.node_names or not (sd > 0.0).all():
         return []
     common = (1.0 / sd) / np.linalg.norm(1.0 / sd)
@@ -97,23 +99,25 @@ def _scale(structure: UpdatableModel, information: np.ndarray, sd: np.ndarray) -
         "stiffness and mass are known only relative to each other."
     )
     ratio = ratio_along(information, common)
-    return [Limit("scale", structure.names, common, ratio, sentence)]
+    return [IdentifiabilityLimit("scale", structure.names, common, ratio, sentence)]
 
 
-def _unseen(structure: UpdatableModel, information: np.ndarray, sd: np.ndarray) -> list[Limit]:
+def _unseen(
+    structure: UpdatableModel, information: np.ndarray, sd: np.ndarray
+) -> list[IdentifiabilityLimit]:
     found = []
     for i, name in enumerate(structure.names):
         alone = np.eye(len(sd))[i]
         if sd[i] > 0.0 and not _told(information, alone):
             sentence = f"{name} hardly moves anything that was measured; it is not told at all."
             ratio = ratio_along(information, alone)
-            found.append(Limit("unseen", (name,), alone, ratio, sentence))
+            found.append(IdentifiabilityLimit("unseen", (name,), alone, ratio, sentence))
     return found
 
 
 def _alike(
     structure: UpdatableModel, information: np.ndarray, sd: np.ndarray, hidden: set[str]
-) -> list[Limit]:
+) -> list[IdentifiabilityLimit]:
     """Pairs of one kind of parameter whose exchange cannot be seen."""
     found = []
     for group in (structure.element_names, structure.node_names):
@@ -127,7 +131,9 @@ def _alike(
             if not _told(information, against):
                 sentence = f"{one} or {other}: what one loses looks like what the other loses."
                 ratio = ratio_along(information, against)
-                found.append(Limit("alike", (one, other), against, ratio, sentence))
+                found.append(
+                    IdentifiabilityLimit("alike", (one, other), against, ratio, sentence)
+                )
     return found
 
 
@@ -135,8 +141,8 @@ def _rest(
     structure: UpdatableModel,
     information: np.ndarray,
     sd: np.ndarray,
-    found: list[Limit],
-) -> list[Limit]:
+    found: list[IdentifiabilityLimit],
+) -> list[IdentifiabilityLimit]:
     """Weak directions that no sentence has covered yet."""
     values, vectors = np.linalg.eigh(information)
     free = np.sum(vectors[sd > 0.0] ** 2, axis=0) > 0.5
@@ -155,7 +161,7 @@ def _rest(
 
 def _combination(
     structure: UpdatableModel, information: np.ndarray, direction: np.ndarray
-) -> Limit:
+) -> IdentifiabilityLimit:
     main = np.abs(direction) > _MAIN * np.abs(direction).max()
     names = tuple(name for name, keep in zip(structure.names, main, strict=True) if keep)
     both = set(names) & set(structure.element_names) and set(names) & set(structure.node_names)
@@ -166,4 +172,6 @@ def _combination(
     against = f" while {' and '.join(down)} fall" if down else ""
     cause = "; mass is not told from stiffness there" if both else ""
     sentence = f"{' and '.join(up)} could rise{against}, and the data would not show it{cause}."
-    return Limit(kind, names, direction, ratio_along(information, direction), sentence)
+    return IdentifiabilityLimit(
+        kind, names, direction, ratio_along(information, direction), sentence
+    )

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from slowtime.estimation import filtering
-from slowtime.estimation.hyperparameters import Prior
+from slowtime.estimation.hyperparameters import HyperparameterPrior
 from slowtime.estimation.processes import Matern, Sum, Trend, quasi_periodic
 from slowtime.evolution.change import Series
 from slowtime.evolution.forecasting import forecast, periodicity, wave_choice
@@ -109,7 +109,7 @@ def additive(slow_time: Series, value: Series, sd: Series) -> SeparatedScales:
     True
     """
     _check(slow_time, value, sd)
-    found: dict[Kind, tuple[ParameterPosterior, Prior]] = {}
+    found: dict[Kind, tuple[ParameterPosterior, HyperparameterPrior]] = {}
     rough, waving = _rough_prior(slow_time, value), _repeating_prior(slow_time, value, sd)
     makers: dict[Kind, Callable[[Series, Series, np.ndarray], Sum]] = {
         "rough": _rough,
@@ -200,13 +200,15 @@ def _sizes(slow_time: Series, value: Series) -> tuple[float, float, float]:
     return span, float(np.median(np.diff(slow_time))), max(float(np.std(value)), 1e-300)
 
 
-def _rough_prior(slow_time: Series, value: Series) -> Prior:
+def _rough_prior(slow_time: Series, value: Series) -> HyperparameterPrior:
     span, gap, scatter = _sizes(slow_time, value)
     centre = np.log([0.4 * span, 0.5 * scatter, max(3.0 * gap, 0.02 * span), 0.5 * scatter])
-    return Prior(centre, np.array([0.7, 1.2, 0.8, 1.0]))
+    return HyperparameterPrior(centre, np.array([0.7, 1.2, 0.8, 1.0]))
 
 
-def _repeating_prior(slow_time: Series, value: Series, sd: Series) -> Prior | None:
+def _repeating_prior(
+    slow_time: Series, value: Series, sd: Series
+) -> HyperparameterPrior | None:
     span, _, scatter = _sizes(slow_time, value)
     period = periodicity.period_of(slow_time, value, sd)
     if period is None:
@@ -215,7 +217,7 @@ def _repeating_prior(slow_time: Series, value: Series, sd: Series) -> Prior | No
         [0.4 * span, 0.5 * scatter, period, 0.5 * scatter, 0.6, 3.0 * span, 0.1 * scatter]
     )
     width = max(0.15 * period / span, 1e-3)
-    return Prior(centre, np.array([0.7, 1.2, width, 1.0, 0.6, 1.2, 1.0]))
+    return HyperparameterPrior(centre, np.array([0.7, 1.2, width, 1.0, 0.6, 1.2, 1.0]))
 
 
 def _long(slow_time: Series, value: Series, points: np.ndarray) -> tuple[Trend, Matern]:

@@ -13,7 +13,7 @@ import numpy as np
 from slowtime.identification import checks
 from slowtime.identification.estimates import Measured
 
-from .boards import Alignment, Board, ModeEvidence
+from .boards import Alignment, BoardRecord, ModeEvidence
 from .clock_offset import (
     ClockPrior,
     OffsetCandidate,
@@ -35,7 +35,7 @@ DISAGREEMENT_RAD = 0.3
 
 
 def align(
-    first: Board, second: Board, *, band_hz: tuple[float, float] | None = None
+    first: BoardRecord, second: BoardRecord, *, band_hz: tuple[float, float] | None = None
 ) -> Alignment:
     """Put two boards of one structure on one clock, or say why that cannot be done.
 
@@ -82,13 +82,13 @@ def align(
     return _refined(first, second, found[0], ahead, band)
 
 
-def _together(first: Board, second: Board) -> tuple[np.ndarray, np.ndarray, float]:
+def _together(first: BoardRecord, second: BoardRecord) -> tuple[np.ndarray, np.ndarray, float]:
     """Both on the instants of the faster one, as far as both have recorded."""
     times_s, rate_hz = _instants(first, second)
     return first.at(times_s), second.at(times_s), rate_hz
 
 
-def _instants(first: Board, second: Board) -> tuple[np.ndarray, float]:
+def _instants(first: BoardRecord, second: BoardRecord) -> tuple[np.ndarray, float]:
     fast = first if first.rate_hz >= 0.99 * second.rate_hz else second
     begin, end = max(first.start_s, second.start_s), min(first.end_s, second.end_s)
     at = math.ceil((begin - fast.start_s) * fast.rate_hz - 1e-9)
@@ -107,8 +107,8 @@ def _ambiguous(found: list[OffsetCandidate], modes: list[SharedMode]) -> Alignme
 
 
 def _refined(
-    first: Board,
-    second: Board,
+    first: BoardRecord,
+    second: BoardRecord,
     place: OffsetCandidate,
     ahead: ClockPrior,
     band: tuple[float, float],
@@ -134,14 +134,14 @@ def _refined(
     return _verdict(first, second, offset, drift, evidence, ahead)
 
 
-def _shifted(board: Board, offset_s: float, drift: float, middle_s: float) -> Board:
+def _shifted(board: BoardRecord, offset_s: float, drift: float, middle_s: float) -> BoardRecord:
     """Later by an offset at the middle, faster by a drift: its start moves by both."""
     return board.moved(offset_s + drift * (middle_s - board.start_s), drift)
 
 
 def _verdict(
-    first: Board,
-    second: Board,
+    first: BoardRecord,
+    second: BoardRecord,
     offset: Measured,
     drift: Measured,
     evidence: tuple[ModeEvidence, ...],
@@ -172,7 +172,7 @@ def _verdict(
         )
     moved = _shifted(second, offset.value, drift.value, ahead.middle_s)
     times_s, rate_hz = _instants(first, moved)
-    merged = Board(
+    merged = BoardRecord(
         samples=np.hstack([first.at(times_s), moved.at(times_s)]),
         channels=(*first.channels, *second.channels),
         rate_hz=rate_hz,
@@ -190,8 +190,8 @@ def _verdict(
 
 
 def align_all(
-    boards: tuple[Board, ...], *, band_hz: tuple[float, float] | None = None
-) -> tuple[Board, tuple[Alignment, ...]]:
+    boards: tuple[BoardRecord, ...], *, band_hz: tuple[float, float] | None = None
+) -> tuple[BoardRecord, tuple[Alignment, ...]]:
     """Align each board with those before it that could be merged; leave out those that cannot.
 
     Parameters

@@ -10,7 +10,7 @@ from slowtime.signals.interpolation import at_instants
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Board:
+class BoardRecord:
     """What one board recorded, on its own time axis.
 
     Parameters
@@ -55,7 +55,7 @@ class Board:
         columns = np.asarray(self.samples, dtype=float).T
         return np.asarray(at_instants(np.ascontiguousarray(columns), positions).T)
 
-    def moved(self, offset_s: float, drift: float) -> "Board":
+    def moved(self, offset_s: float, drift: float) -> "BoardRecord":
         """Board with a corrected clock.
 
         Parameters
@@ -111,7 +111,7 @@ class Alignment:
         The modes that it rests on.
     """
 
-    merged: Board | None
+    merged: BoardRecord | None
     sentence: str
     offset_s: Measured | None = None
     drift: Measured | None = None

@@ -7,7 +7,7 @@ import numpy as np
 
 from slowtime.identification.estimates import Measured
 
-from .boards import Board, ModeEvidence
+from .boards import BoardRecord, ModeEvidence
 from .shared_modes import COMPLEX_RAD, SharedMode
 
 GRID_RAD = 0.4
@@ -26,7 +26,7 @@ class ClockPrior:
     drift_sd: float
 
     @classmethod
-    def of(cls, first: Board, second: Board) -> "ClockPrior | None":
+    def of(cls, first: BoardRecord, second: BoardRecord) -> "ClockPrior | None":
         """Prior from the clock models of two boards; None where they share no time.
 
         Parameters

@@ -2,12 +2,12 @@
 
 from .best_linear_approximation import Distortion, distortion_of, sort_by_level
 from .periods import Realisation, find_period, realisation_of
-from .resonance import Resonance, fit_resonance
+from .resonance import MeasuredResonance, fit_resonance
 
 __all__ = [
     "Distortion",
+    "MeasuredResonance",
     "Realisation",
-    "Resonance",
     "distortion_of",
     "find_period",
     "fit_resonance",

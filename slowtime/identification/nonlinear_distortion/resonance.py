@@ -27,7 +27,7 @@ START_DAMPING = 0.05
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Resonance:
+class MeasuredResonance:
     """Natural frequency and damping ratio, with standard deviations."""
 
     frequency_hz: float
@@ -41,7 +41,7 @@ def fit_resonance(
     response: Complex[np.ndarray, " line"],
     sd: Float[np.ndarray, " line"] | None = None,
     near_hz: float | None = None,
-) -> Resonance | None:
+) -> MeasuredResonance | None:
     """Fit one mode to a frequency response around its highest peak, or one that is named.
 
     Parameters
@@ -97,6 +97,6 @@ def fit_resonance(
     slopes = np.asarray(found.jac)
     covariance = scale * np.linalg.pinv(slopes.T @ slopes)
     errors = np.sqrt(np.diag(covariance))
-    return Resonance(
+    return MeasuredResonance(
         float(found.x[0]), float(errors[0]), float(abs(found.x[1])), float(errors[1])
     )

@@ -13,7 +13,7 @@ from .model import BandData, BandModel
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Evaluation:
+class LikelihoodEvaluation:
     """What a model predicts of the data, and how likely that makes them.
 
     Parameters
@@ -35,7 +35,9 @@ class Evaluation:
     log_likelihood: float
 
 
-def evaluate(data: BandData, model: BandModel, known: Evaluation | None = None) -> Evaluation:
+def evaluate(
+    data: BandData, model: BandModel, known: LikelihoodEvaluation | None = None
+) -> LikelihoodEvaluation:
     """Predict the data, and say how likely they are.
 
     Parameters
@@ -57,7 +59,7 @@ def evaluate(data: BandData, model: BandModel, known: Evaluation | None = None) 
         gain, bent = known.gain, known.bent
     density = model.density_of_gain(data.omega, gain)
     precision, logarithm = inverse_density(density)
-    return Evaluation(
+    return LikelihoodEvaluation(
         gain, bent, density, precision, _log_likelihood(data, precision, logarithm)
     )
 

@@ -23,7 +23,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Complex, Float
 
-from .evaluation import Evaluation, evaluate, inverse_density
+from .evaluation import LikelihoodEvaluation, evaluate, inverse_density
 from .evaluation import band_log_likelihood as band_log_likelihood
 from .fisher_information import information_and_score, restricted_inverse, surprise_of
 from .model import BandData, BandModel, density_of, step_parameters
@@ -254,7 +254,7 @@ def fit_forces(data: BandData, model: BandModel) -> BandModel:
 
 def _climbed(
     data: BandData, model: BandModel, enough: float, most: int
-) -> tuple[BandModel, Evaluation, bool]:
+) -> tuple[BandModel, LikelihoodEvaluation, bool]:
     """Fisher scoring, damped where a step would not climb; model, evaluation, whether done."""
     here = evaluate(data, model)
     best = _posterior(model, here)
@@ -290,7 +290,7 @@ def _climbed(
 
 
 def _information(
-    data: BandData, model: BandModel, here: Evaluation
+    data: BandData, model: BandModel, here: LikelihoodEvaluation
 ) -> tuple[np.ndarray, np.ndarray]:
     if here.precision is None:
         raise ValueError("A density is not positive definite. Start from `initial_model`.")
@@ -298,6 +298,6 @@ def _information(
     return information_and_score(data, model, predicted)
 
 
-def _posterior(model: BandModel, here: Evaluation) -> float:
+def _posterior(model: BandModel, here: LikelihoodEvaluation) -> float:
     away, wide = model.ties()
     return here.log_likelihood - 0.5 * float(np.sum((away / wide) ** 2))

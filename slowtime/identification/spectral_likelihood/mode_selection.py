@@ -21,7 +21,7 @@ from .model import BandModel
 from .score_test import AddedModeTest
 from .shape_complement import ShapeComplement, shape_complement
 from .window_data import WindowData, WindowUnits, prepare_window
-from .windows import Spectrum, Window, group_close_poles, shared_windows
+from .windows import SpectralWindow, Spectrum, group_close_poles, shared_windows
 
 SELECTING = 12.0
 """Half-width of windows in the selection of modes [half-bandwidths]."""
@@ -199,8 +199,8 @@ def _in_windows(
     poles = np.minimum(poles.real, -least) + 1j * poles.imag
     found: list[tuple[int, FittedMode]] = []
 
-    def about(group: list[int]) -> Window:
-        return Window.about(spectrum, poles, group, edges, stage.wide, stage.beside)
+    def about(group: list[int]) -> SpectralWindow:
+        return SpectralWindow.about(spectrum, poles, group, edges, stage.wide, stage.beside)
 
     for group, window in shared_windows(group_close_poles(poles), about):
         modes = window.modes + window.beside
@@ -227,7 +227,7 @@ class _Stage:
 
 def _fitted(
     spectrum: Spectrum,
-    window: Window,
+    window: SpectralWindow,
     poles: np.ndarray,
     shapes: np.ndarray,
     stage: _Stage,

@@ -7,7 +7,7 @@ import numpy as np
 from .likelihood import initial_model
 from .model import BandData, BandModel
 from .shape_complement import Ordinates
-from .windows import Spectrum, Window
+from .windows import SpectralWindow, Spectrum
 
 SPARE = 1
 """Channel combinations beyond the number of modes."""
@@ -98,7 +98,7 @@ class WindowData:
 
 
 def prepare_window(
-    spectrum: Spectrum, window: Window, poles: np.ndarray, shapes: np.ndarray
+    spectrum: Spectrum, window: SpectralWindow, poles: np.ndarray, shapes: np.ndarray
 ) -> tuple[WindowUnits, WindowData]:
     """Prepare data and initial values of a window.
 

@@ -37,7 +37,7 @@ class Spectrum:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Window:
+class SpectralWindow:
     """Ordinates from `first` to `last`, the modes in them, and modes beside them."""
 
     first: int
@@ -53,7 +53,7 @@ class Window:
         edges: tuple[float, float],
         wide: float,
         beside: int,
-    ) -> "Window":
+    ) -> "SpectralWindow":
         """Window about a group of poles.
 
         Parameters
@@ -99,7 +99,7 @@ class Window:
         below, above = max(below, edges[0] / 2), min(above, edges[1])
         first = max(2, int(np.ceil(below / spectrum.spacing_hz)))
         last = min(len(spectrum.coefficients) - 2, int(above / spectrum.spacing_hz))
-        return Window(first, last, sorted(modes), around)
+        return SpectralWindow(first, last, sorted(modes), around)
 
 
 def group_close_poles(poles: np.ndarray) -> list[list[int]]:
@@ -126,8 +126,8 @@ def group_close_poles(poles: np.ndarray) -> list[list[int]]:
 
 
 def shared_windows(
-    groups: list[list[int]], about: Callable[[list[int]], Window]
-) -> list[tuple[list[int], Window]]:
+    groups: list[list[int]], about: Callable[[list[int]], SpectralWindow]
+) -> list[tuple[list[int], SpectralWindow]]:
     """Windows of the groups; neighbours with nearly the same window share one.
 
     Parameters
@@ -141,7 +141,7 @@ def shared_windows(
     -------
     Groups, each with its window.
     """
-    shared: list[tuple[list[int], Window]] = []
+    shared: list[tuple[list[int], SpectralWindow]] = []
     for group in groups:
         window = about(group)
         if shared:

@@ -15,7 +15,7 @@ SURE = 3.0
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Event:
+class TrackEvent:
     """One thing that happened to an identity.
 
     Parameters
@@ -42,7 +42,7 @@ class Event:
 
 def reorder(
     order: tuple[int, ...], tracks: dict[int, Track], epoch: int
-) -> tuple[tuple[int, ...], list[Event]]:
+) -> tuple[tuple[int, ...], list[TrackEvent]]:
     """Order of identities in frequency, and the crossings since the order before.
 
     Parameters
@@ -68,13 +68,13 @@ def reorder(
         low, high = known[place], known[place + 1]
         if _passed(tracks[low], tracks[high]):
             known[place], known[place + 1] = high, low
-            events.append(Event("crossed", low, epoch, high))
+            events.append(TrackEvent("crossed", low, epoch, high))
     return tuple(known), events
 
 
 def veered(
     order: tuple[int, ...], tracks: dict[int, Track], epoch: int
-) -> tuple[dict[int, Track], list[Event]]:
+) -> tuple[dict[int, Track], list[TrackEvent]]:
     """Neighbours that have exchanged shapes, with their new shapes.
 
     Parameters
@@ -97,7 +97,7 @@ def veered(
         if low in renewed or not _exchanged(one, other):
             continue
         renewed |= {low: one.known_anew(), high: other.known_anew()}
-        events.append(Event("veered", low, epoch, high))
+        events.append(TrackEvent("veered", low, epoch, high))
     return renewed, events
 
 

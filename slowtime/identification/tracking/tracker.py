@@ -23,7 +23,7 @@ from slowtime.identification.modes import Mode
 
 from . import events as happenings
 from . import shape as shapes
-from .events import Event
+from .events import TrackEvent
 from .frequency import student
 from .track import Track, begin
 
@@ -75,7 +75,7 @@ class Tracked:
     """
 
     identities: tuple[int | None, ...]
-    events: tuple[Event, ...]
+    events: tuple[TrackEvent, ...]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -252,18 +252,18 @@ class ModeTracker:
 
     def _comings_and_goings(
         self, before: dict[int, Track], after: dict[int, Track], epoch: int
-    ) -> list[Event]:
-        found: list[Event] = []
+    ) -> list[TrackEvent]:
+        found: list[TrackEvent] = []
         for identity in sorted(before.keys() | after.keys()):
             old, new = before.get(identity), after.get(identity)
             if new is None:
-                found.append(Event("died", identity, epoch))
+                found.append(TrackEvent("died", identity, epoch))
             elif old is None:
-                found.append(Event("born", identity, new.first))
+                found.append(TrackEvent("born", identity, new.first))
             elif new.missed == self.quiet and old.missed < self.quiet:
-                found.append(Event("missing", identity, new.last))
+                found.append(TrackEvent("missing", identity, new.last))
             elif new.missed == 0 and old.missed >= self.quiet:
-                found.append(Event("found", identity, epoch))
+                found.append(TrackEvent("found", identity, epoch))
         return found
 
 

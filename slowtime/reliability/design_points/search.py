@@ -59,7 +59,7 @@ BEGINNINGS = 8
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Found:
+class DesignPointSearch:
     """Design points, the nearest first, and what the search could not settle."""
 
     points: tuple[DesignPoint, ...]
@@ -68,7 +68,7 @@ class Found:
 
 def find_design_points(
     g: Evaluator, rng: np.random.Generator, search: Search | None = None
-) -> Found:
+) -> DesignPointSearch:
     """Find all design points that matter; their sensitivities are in `sensitivities`.
 
     Examples
@@ -96,7 +96,9 @@ def find_design_points(
         most = g.calls + search.calls_per_input * (size + 10)
         points, _ = _from_failures(g, rng, scale, search, [], most)
     if not points:
-        return Found((), ("No design point was found: the limit state may be flat or jump.",))
+        return DesignPointSearch(
+            (), ("No design point was found: the limit state may be flat or jump.",)
+        )
     warnings: list[str] = []
     if sign > 0.0 and search.rounds:
         points = _complete(g, rng, scale, search, points, warnings)
@@ -107,7 +109,7 @@ def find_design_points(
             "The search for a design point did not meet its tolerance, as at a corner of the "
             "limit state: its distance is approximate."
         )
-    return Found(tuple(near), tuple(warnings))
+    return DesignPointSearch(tuple(near), tuple(warnings))
 
 
 def _complete(
@@ -265,7 +267,7 @@ def _independent(problem: Problem, z: np.ndarray) -> np.ndarray:
 
 
 __all__ = [
-    "Found",
+    "DesignPointSearch",
     "Search",
     "descend_from",
     "explained",

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from slowtime.reliability.design_points.search import (
-    Found,
+    DesignPointSearch,
     Search,
     descend_from,
     explained,
@@ -209,7 +209,7 @@ def importance(
     stopping: Stopping,
     *,
     search: Search | None = None,
-    points: Found | None = None,
+    points: DesignPointSearch | None = None,
 ) -> Result:
     """Sample by importance from a mixture about all design points.
 
@@ -256,7 +256,11 @@ def importance(
 
 
 def explore(
-    g: Evaluator, rng: np.random.Generator, stopping: Stopping, found: Found, search: Search
+    g: Evaluator,
+    rng: np.random.Generator,
+    stopping: Stopping,
+    found: DesignPointSearch,
+    search: Search,
 ) -> tuple[MixtureSample, list[DesignPoint]]:
     """Draw until the target is met; the sample that counts, and the design points at the end.
 

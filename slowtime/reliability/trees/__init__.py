@@ -4,7 +4,7 @@ A tree is made of gates in series, in parallel and k out of n over members, any 
 stand in several branches. Members fail independently, or in groups with a stated dependence.
 """
 
-from .bands import Band, band
+from .bands import ProbabilityBounds, band
 from .bounds import any_dependence
 from .dependence import CommonCause, Equicorrelated, Group, Independent
 from .diagram import TooLargeTreeError
@@ -13,7 +13,6 @@ from .simulation import simulate
 from .structure import Gate, Node, fails, k_of_n, members, parallel, series
 
 __all__ = [
-    "Band",
     "CommonCause",
     "Equicorrelated",
     "Gate",
@@ -21,6 +20,7 @@ __all__ = [
     "Importance",
     "Independent",
     "Node",
+    "ProbabilityBounds",
     "TooLargeTreeError",
     "TreeResult",
     "analyse",

@@ -18,7 +18,7 @@ DRAWS = 1000
 """Drawn by Latin hypercube: the ends of the band then vary by about 2 % of its width."""
 
 
-class Band(NamedTuple):
+class ProbabilityBounds(NamedTuple):
     """What is known of a failure probability.
 
     Parameters
@@ -46,7 +46,7 @@ def band(
     groups: Sequence[Group] = (),
     *,
     draws: int = DRAWS,
-) -> Band:
+) -> ProbabilityBounds:
     """Propagate the uncertainty of the members' probabilities through a tree.
 
     The failure probability of a tree rises with that of each member, so that the ends of all
@@ -84,7 +84,7 @@ def band(
     ends = {name: row[1:] for name, row in zip(names, table, strict=True)}
     lowest, highest = probability(tree, ends, groups).tolist()
     if not known:
-        return Band(float("nan"), lowest, highest, lowest, highest)
+        return ProbabilityBounds(float("nan"), lowest, highest, lowest, highest)
     exact = probability(tree, {n: r[:1] for n, r in zip(names, table, strict=True)}, groups)
     cube = stats.qmc.LatinHypercube(len(names), rng=rng).random(draws)
     scores = ndtri(cube).T / ndtri(0.5 + LEVEL / 2.0)
@@ -94,6 +94,6 @@ def band(
     found = probability(tree, cases, groups)
     ends_of_band = np.quantile(found, [0.5 - LEVEL / 2.0, 0.5 + LEVEL / 2.0]).tolist()
     middle = float(exact[0])
-    return Band(
+    return ProbabilityBounds(
         middle, min(ends_of_band[0], middle), max(ends_of_band[1], middle), lowest, highest
     )

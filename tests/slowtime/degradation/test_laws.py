@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from slowtime import degradation
-from slowtime.degradation import CurveLaw, Event, FleetPrior, pooled
+from slowtime.degradation import CurveLaw, FleetPrior, KnownChange, pooled
 from slowtime.degradation.curve_posterior import NOMINAL_SD
 from slowtime.degradation.curves import (
     FADE,
@@ -143,7 +143,7 @@ def test_no_path_is_below_the_physical_bound_and_thresholds_above_it_stay():
 
 def test_a_jump_that_is_told_leaves_the_drift_as_it_is():
     truth = -0.002 * TIME + np.where(TIME > 52.0, 0.15, 0.0)
-    told = history_of(*readings(truth), events=[Event(52.0, sd=0.3)])
+    told = history_of(*readings(truth), events=[KnownChange(52.0, sd=0.3)])
     drift = CurveLaw(LINEAR).learn(told).hyperparameters()
     assert drift is not None
     assert drift.mean[0] == pytest.approx(-0.002, abs=3 * drift.covariance[0, 0] ** 0.5)
@@ -153,7 +153,7 @@ def test_a_jump_that_is_told_leaves_the_drift_as_it_is():
 @pytest.mark.parametrize("restored", [0.5, 1.0])
 def test_a_repair_takes_age_away(restored):
     age = np.where(TIME > 52.0, TIME - restored * 52.0, TIME)
-    history = history_of(*readings(-0.002 * age), events=[Event(52.0, restored=restored)])
+    history = history_of(*readings(-0.002 * age), events=[KnownChange(52.0, restored=restored)])
     np.testing.assert_allclose(history.age(TIME), age / 100.0)
     posterior = CurveLaw(LINEAR).learn(history)
     later = np.array([100.0, 150.0])
@@ -238,7 +238,7 @@ def test_bad_input_says_what_to_do():
     with pytest.raises(ValueError, match="after the first reading"):
         degradation.learn(*readings(-0.002 * TIME), origin=5.0)
     with pytest.raises(ValueError, match="is not a valid event"):
-        Event(1.0, restored=1.2)
+        KnownChange(1.0, restored=1.2)
     mixture = degradation.learn(*readings(-0.002 * TIME), laws=[CurveLaw(LINEAR)])
     with pytest.raises(ValueError, match="not after the last reading"):
         mixture.futures(50.0)
@@ -263,3 +263,12 @@ def test_hidden_histories_are_held_and_scored_better_than_by_gaussian_processes(
     )
     assert ours < today
     assert all(np.isfinite(one.ours[1]) for one in scores if one.within >= 0.5)
+
+
+@pytest.mark.parametrize(
+    ("former", "name"), [("Law", "DegradationLaw"), ("Event", "KnownChange")]
+)
+def test_former_names_work_and_warn(former, name):
+    with pytest.warns(DeprecationWarning, match=name):
+        assert getattr(degradation, former) is getattr(degradation, name)
+    assert not hasattr(degradation, former + "s")

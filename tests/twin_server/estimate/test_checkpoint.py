@@ -9,7 +9,7 @@ import pytest
 
 from twin_server.estimate.checkpoint import Checkpoint, NominalInUse, SteadyFlag, Twin
 from twin_server.estimate.covariates import Training
-from twin_server.estimate.elements.memory import Baseline, Memory, Reference
+from twin_server.estimate.elements.memory import Baseline, ElementMemory, Reference
 from twin_server.estimate.estimator import estimate
 from twin_server.registration.twin import Registration
 
@@ -22,7 +22,7 @@ CHECKPOINTS = {
     "learning": Checkpoint(learning=((3.0, 0.1, 0.02, 1e-3), (1 / 3, 1e-300, 0.0, 5e300))),
     "in training": Checkpoint(training=Training().added(np.array([0.0, 3.0, 0.1, 0.02, 0.0]))),
     "of elements": Checkpoint(
-        elements=Memory(
+        elements=ElementMemory(
             references=(Reference(3.0, (0.1, 0.2)), Reference(9.0, None, "b", 2)),
             baselines=(Baseline(0, 3.0, 1e-3, 0.02, 0.1, (0.6, 0.8), (0.01, 0.02)),),
         )

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin_server.fairness import ALONE, Holder, Holding, Holdings, OverQuotaError, Quota
+from twin_server.fairness import ALONE, Holder, Holdings, OverQuotaError, Quota, QuotaHolding
 from twin_server.fairness.quota import ALPHA
 from twin_server.identity.principals import EVERYBODY, Principal, Scope
 
@@ -16,7 +16,7 @@ HOLDERS = st.builds(Holder, st.sampled_from(SITES), st.sampled_from(["s", "t"]))
 
 def fill(quota, holder, most=10_000):
     """Take all that a holder may have; the holdings."""
-    held: list[Holding] = []
+    held: list[QuotaHolding] = []
     while len(held) < most:
         try:
             held.append(quota.take(holder, "something"))
@@ -33,7 +33,7 @@ def fill(quota, holder, most=10_000):
 )
 def test_no_bound_is_exceeded_whatever_is_taken_and_given_back(most, of_site, of_token, steps):
     quota = Quota("uploads", most, setting="s", of_site=of_site, of_token=of_token)
-    held: list[Holding] = []
+    held: list[QuotaHolding] = []
     for holder, takes, which in steps:
         if takes:
             before = Counter(one.holder.site for one in held)[holder.site]

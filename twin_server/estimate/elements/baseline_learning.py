@@ -13,7 +13,7 @@ from slowtime.evolution.structures import MeasuredModes, estimate
 from slowtime.evolution.structures.measured_modes import mode_misfit
 from twin_server.estimate.covariates import Condition, NotLearntError, Training
 from twin_server.estimate.covariates import conclude as conclude_training
-from twin_server.estimate.elements.memory import Baseline, Memory, ModeSamples, Reference
+from twin_server.estimate.elements.memory import Baseline, ElementMemory, ModeSamples, Reference
 from twin_server.registration.nominal import Covariates
 from twin_server.registration.structure import ElementModel
 
@@ -74,12 +74,12 @@ LIMITS = LearningLimits()
 
 
 def gather(
-    memory: Memory,
+    memory: ElementMemory,
     modes: Sequence[ObservedMode],
     boot: str,
     slow_time: float = 0.0,
     covariates: Sequence[float] | None = None,
-) -> Memory:
+) -> ElementMemory:
     """Add the modes of one epoch to those that are learnt from.
 
     Parameters
@@ -119,7 +119,7 @@ def gather(
     )
 
 
-def is_enough(memory: Memory, learn_epochs: int, wanted: Covariates | None) -> bool:
+def is_enough(memory: ElementMemory, learn_epochs: int, wanted: Covariates | None) -> bool:
     """Whether as many epochs were gathered as the registration asks for."""
     if wanted is None:
         return memory.learnt_from >= learn_epochs
@@ -127,7 +127,9 @@ def is_enough(memory: Memory, learn_epochs: int, wanted: Covariates | None) -> b
     return memory.learnt_from >= wanted.train_epochs and 0.0 < span >= wanted.train_span
 
 
-def conclude(memory: Memory, model: ElementModel, wanted: Covariates | None = None) -> Memory:
+def conclude(
+    memory: ElementMemory, model: ElementModel, wanted: Covariates | None = None
+) -> ElementMemory:
     """Make baselines of the gathered modes; if there are none, restart learning.
 
     Modes are left out where fewer than half of the epochs have shown them, where they match no
@@ -142,7 +144,7 @@ def conclude(memory: Memory, model: ElementModel, wanted: Covariates | None = No
     groups = [group for group in groups if group[1].relative_sd < LIMITS.most_relative_sd]
     pairs = _partners([baseline for _, baseline in groups], model)
     if not pairs:
-        return Memory(suspicions=memory.suspicions, unit_doubts=memory.unit_doubts)
+        return ElementMemory(suspicions=memory.suspicions, unit_doubts=memory.unit_doubts)
     chosen = [groups[i] for i in pairs]
     theta, modes = _moved(model, [baseline for _, baseline in chosen])
     ranked = sorted(zip(modes, chosen, strict=True), key=lambda one: one[0])

@@ -36,7 +36,7 @@ from slowtime.evolution.structures import (
 from slowtime.evolution.structures.measured_modes import mode_misfit
 from slowtime_schemas.messages import Features
 from twin_server.estimate.covariates import Removed, Verdict, covariates_of
-from twin_server.estimate.elements.memory import Baseline, Memory
+from twin_server.estimate.elements.memory import Baseline, ElementMemory
 from twin_server.history import states as st
 from twin_server.registration.nominal import Covariates
 from twin_server.registration.structure import ElementModel
@@ -109,14 +109,14 @@ class TrackedEpochs:
         Epochs in which covariates no longer explained a mode of that number, or did again.
     """
 
-    memory: Memory
+    memory: ElementMemory
     readings: tuple[EpochEstimate, ...]
     lessons: tuple[tuple[int, int], ...]
     verdicts: tuple[tuple[int, int, Verdict], ...] = ()
 
 
 def track_epochs(
-    memory: Memory,
+    memory: ElementMemory,
     model: ElementModel,
     features: Sequence[Features],
     learn_epochs: int,
@@ -165,7 +165,10 @@ def track_epochs(
 
 
 def posterior_of(
-    memory: Memory, model: ElementModel, message: Features, wanted: Covariates | None = None
+    memory: ElementMemory,
+    model: ElementModel,
+    message: Features,
+    wanted: Covariates | None = None,
 ) -> Float[np.ndarray, "parameter parameter"] | None:
     """Covariance of the logarithms of the free factors, from one epoch.
 
@@ -182,8 +185,11 @@ def posterior_of(
 
 
 def _taught(
-    memory: Memory, message: Features, modes: Sequence[ObservedMode], wanted: Covariates | None
-) -> tuple[Memory, int]:
+    memory: ElementMemory,
+    message: Features,
+    modes: Sequence[ObservedMode],
+    wanted: Covariates | None,
+) -> tuple[ElementMemory, int]:
     """Learn from an epoch; also the bits that stand against it."""
     nothing = 0 if modes else st.NO_MODE
     if wanted is None:
@@ -211,7 +217,7 @@ def _removed(
 
 
 def _watched(
-    memory: Memory,
+    memory: ElementMemory,
     message: Features,
     modes: Sequence[ObservedMode],
     pairs: dict[int, int],
@@ -245,7 +251,7 @@ class _Nominal:
     shape_error: Float[np.ndarray, " baseline"]
 
     @classmethod
-    def of(cls, memory: Memory, model: ElementModel) -> "_Nominal":
+    def of(cls, memory: ElementMemory, model: ElementModel) -> "_Nominal":
         structure = model.at(memory.theta)
         modes = structure.modes(np.zeros(len(structure.names)))
         which = [one.mode for one in memory.baselines]

@@ -115,7 +115,7 @@ class ChangeSuspicion:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Memory:
+class ElementMemory:
     """State of a twin of elements between epochs.
 
     Parameters
@@ -163,7 +163,7 @@ class Memory:
         return max(laws, default=1.0 / (1.0 + max(self.learnt_from, 1)))
 
     @classmethod
-    def from_dict(cls, content: dict[str, Any]) -> "Memory":
+    def from_dict(cls, content: dict[str, Any]) -> "ElementMemory":
         """Read a memory from the JSON of `dataclasses.asdict`."""
         return cls(
             references=tuple(

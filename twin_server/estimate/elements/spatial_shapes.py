@@ -19,7 +19,7 @@ from slowtime_services.wireframes import (
 from twin_server.registration.structure import model_of
 from twin_server.registration.twin import Registration
 
-from .memory import Memory
+from .memory import ElementMemory
 
 MOST_MODES = 12
 """Modes of the model that are shown beside those that were measured."""
@@ -30,7 +30,7 @@ RIGID = 1e-10
 
 
 def spatial_scene(
-    registration: Registration, memory: Memory | None, state: Mapping[str, Any]
+    registration: Registration, memory: ElementMemory | None, state: Mapping[str, Any]
 ) -> dict[str, Any] | None:
     """Mode shapes of a twin on its wireframe.
 
@@ -78,7 +78,7 @@ def _names(suspect: str) -> list[str]:
 
 
 def _current(
-    registration: Registration, memory: Memory | None, state: Mapping[str, Any]
+    registration: Registration, memory: ElementMemory | None, state: Mapping[str, Any]
 ) -> tuple[ParametricStructure, Float[np.ndarray, " parameter"]]:
     """Give the structure as learnt, and logarithms of the factors on its parameters now."""
     if registration.changes == "elements":

@@ -4,7 +4,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 
-from slowtime.evolution.structures import Hypothesis, NamedChanges
+from slowtime.evolution.structures import ChangedParts, NamedChanges
 from twin_server.registration.structure import MASS
 
 RIVAL = 0.2
@@ -99,7 +99,7 @@ def size(name: str, change: float, sd: float) -> str:
     return f"{owner} has {verb} {what} of its {of}"
 
 
-def _rivals(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+def _rivals(hypotheses: Sequence[ChangedParts]) -> list[ChangedParts]:
     """Hypotheses of weight; not those that only add to another one of them."""
     best = hypotheses[0]
     if best.probability >= TOLD:
@@ -108,6 +108,6 @@ def _rivals(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
     return [one for one in likely if not any(set(two.names) < set(one.names) for two in likely)]
 
 
-def _size(hypothesis: Hypothesis, name: str) -> str:
+def _size(hypothesis: ChangedParts, name: str) -> str:
     at = hypothesis.names.index(name)
     return size(name, float(hypothesis.change[at]), float(hypothesis.sd[at]))

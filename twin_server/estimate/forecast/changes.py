@@ -19,7 +19,7 @@ from slowtime.evolution.forecasting.continuation import Continuation
 from slowtime.evolution.life.threshold_crossing import SampledFutures
 from slowtime_schemas.slow_times import time_in_words
 from twin_server.estimate.checkpoint import NominalInUse
-from twin_server.estimate.elements.memory import Memory
+from twin_server.estimate.elements.memory import ElementMemory
 from twin_server.estimate.estimator import LEVEL
 from twin_server.history.details import Bodies
 from twin_server.history.states import (
@@ -180,7 +180,7 @@ def past_of(states: States, known: NominalInUse | None, most: int = MOST) -> dic
 
 
 def past_of_elements(
-    states: States, bodies: Bodies, memory: Memory | None, most: int = MOST_OF_ELEMENTS
+    states: States, bodies: Bodies, memory: ElementMemory | None, most: int = MOST_OF_ELEMENTS
 ) -> dict[str, Past]:
     """Take the changes of each parameter of a twin of elements from its valid states.
 
@@ -246,7 +246,7 @@ def _is_past(events: Sequence[KnownEvent], time: Float[np.ndarray, " time"]) -> 
     return int(np.count_nonzero(time > last)) >= FEWEST
 
 
-def _events_of(events: Sequence[KnownEvent], past: Past) -> list[degradation.Event]:
+def _events_of(events: Sequence[KnownEvent], past: Past) -> list[degradation.KnownChange]:
     """Repairs and replacements as degradation laws take them."""
     found = []
     for event in events:
@@ -254,10 +254,12 @@ def _events_of(events: Sequence[KnownEvent], past: Past) -> list[degradation.Eve
         size = abs(float(before[-1])) if len(before) else 0.0
         if isinstance(event, Repair):
             sd = math.hypot(event.level_sd, event.share_sd * size)
-            found.append(degradation.Event(event.time, min(max(event.share, 0.0), 1.0), sd))
+            found.append(
+                degradation.KnownChange(event.time, min(max(event.share, 0.0), 1.0), sd)
+            )
         elif isinstance(event, Replacement):
             sd = event.level_sd if event.level is not None else max(size, event.level_sd)
-            found.append(degradation.Event(event.time, 1.0, sd))
+            found.append(degradation.KnownChange(event.time, 1.0, sd))
     return found
 
 

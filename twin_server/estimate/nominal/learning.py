@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from slowtime.evolution import Nominal, learn_nominal
+from slowtime.evolution import NominalOscillator, learn_nominal
 from twin_server.estimate.checkpoint import Checkpoint, Epoch, NominalInUse
 
 MOST_UNCERTAIN = 0.2
@@ -29,7 +29,7 @@ class LearntEpochs:
 
     checkpoint: Checkpoint
     used: int
-    nominal: Nominal | None = None
+    nominal: NominalOscillator | None = None
 
 
 def learn(checkpoint: Checkpoint, epochs: Sequence[Epoch], wanted: int) -> LearntEpochs:
@@ -70,6 +70,6 @@ def is_sane(value: float, sd: float) -> bool:
     return 1e-9 < value < 1e9 and 0.0 <= sd < 1e3 * value
 
 
-def _nominal(epochs: Sequence[Epoch]) -> Nominal:
+def _nominal(epochs: Sequence[Epoch]) -> NominalOscillator:
     frequency, sd, damping, damping_sd = np.array(epochs, dtype=np.float64).T.copy()
     return learn_nominal(frequency, sd, damping, damping_sd)

@@ -7,7 +7,7 @@ from typing import Any
 from starlette.responses import Response, StreamingResponse
 from starlette.types import Receive, Scope, Send
 
-from twin_server.fairness import Holding, OverQuotaError, Quota, current_holder
+from twin_server.fairness import OverQuotaError, Quota, QuotaHolding, current_holder
 from twin_server.serve.http.bounded_threads import BoundedThreads
 from twin_server.serve.http.quotas import over_quota
 
@@ -60,7 +60,7 @@ class Files:
 class _File(StreamingResponse):
     """One file, given to its end, or until its client leaves or it is cancelled."""
 
-    holding: Holding | None = None
+    holding: QuotaHolding | None = None
     _task: asyncio.Task[None] | None = None
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:

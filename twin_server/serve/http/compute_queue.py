@@ -22,9 +22,9 @@ from starlette.requests import ClientDisconnect, Request
 from twin_server.fairness import (
     DecayedUsage,
     Holder,
-    Holding,
     OverQuotaError,
     Quota,
+    QuotaHolding,
     acting_for,
     current_holder,
 )
@@ -80,7 +80,7 @@ class _Computation:
     ended: threading.Event = dataclasses.field(default_factory=threading.Event)
     waiting: int = 0
     running: bool = False
-    holding: Holding | None = None
+    holding: QuotaHolding | None = None
 
     def execute(self) -> Any:
         """Compute, in a thread of the lane."""

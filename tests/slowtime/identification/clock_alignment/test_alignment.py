@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from slowtime.identification.clock_alignment.alignment import align, align_all
-from slowtime.identification.clock_alignment.boards import Board
+from slowtime.identification.clock_alignment.boards import BoardRecord
 from slowtime.identification.clock_alignment.clock_offset import ClockPrior
 from tests.slowtime.identification.clock_alignment.boards import Structure, motion
 
@@ -22,8 +22,8 @@ def two_boards(seed, *, structure=None, noise=0.03, start_sd_s=0.02):
     two = moved.sampled(RATE_HZ * (1 + DRIFT), 1.0 + OFFSET_S, count)[:, 3:]
     one, two = (x + noise * x.std() * rng.normal(size=x.shape) for x in (one, two))
     return (
-        Board(samples=one, channels=("a", "b", "c"), rate_hz=RATE_HZ, start_s=1.0),
-        Board(
+        BoardRecord(samples=one, channels=("a", "b", "c"), rate_hz=RATE_HZ, start_s=1.0),
+        BoardRecord(
             samples=two,
             channels=("d", "e", "f"),
             rate_hz=RATE_HZ,
@@ -43,7 +43,7 @@ def _in_band(samples):
 
 def clock(seconds, start_s=0.0, rate_sd=0.0, start_sd_s=0.0):
     """A board of one channel at rest, sampled once a second."""
-    return Board(
+    return BoardRecord(
         samples=np.zeros((seconds + 1, 1)),
         channels=("a",),
         rate_hz=1.0,
@@ -163,7 +163,7 @@ def test_the_spread_of_an_offset_is_that_of_clocks_drawn_at_random():
     """Each clock starts and runs wrong by chance; the offset is read where both have run."""
     rng = np.random.default_rng(5)
     boards = [
-        Board(
+        BoardRecord(
             samples=np.zeros((1001, 1)), channels=("x",), rate_hz=10.0, rate_sd=rate_sd,
             start_s=start_s, start_sd_s=start_sd_s,
         )

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from twin_server.estimate.elements.baseline_learning import common_errors
-from twin_server.estimate.elements.memory import Baseline, Memory, ModeSamples, Reference
+from twin_server.estimate.elements.memory import Baseline, ElementMemory, ModeSamples, Reference
 
 
 def steps_of(errors):
@@ -53,18 +53,20 @@ def test_one_step_or_one_channel_tells_nothing_of_common_errors():
 
 def test_patterns_survive_a_restart_and_memories_without_them_are_read():
     baseline = Baseline(0, 3.0, 0.01, 0.02, 0.1, shape_common=((0.5, -1.0), (0.0, 2.0)))
-    memory = Memory(baselines=(baseline,), learnt_from=3)
+    memory = ElementMemory(baselines=(baseline,), learnt_from=3)
     content = json.loads(json.dumps(dataclasses.asdict(memory)))
-    assert Memory.from_dict(content).baselines == (baseline,)
+    assert ElementMemory.from_dict(content).baselines == (baseline,)
     del content["baselines"][0]["shape_common"]
-    read = Memory.from_dict(content).baselines
+    read = ElementMemory.from_dict(content).baselines
     assert read == (dataclasses.replace(baseline, shape_common=()),)
 
 
 def test_steps_survive_a_restart_and_memories_without_them_are_read():
     lesson = ModeSamples(last=(0.6, 0.8), steps=((0.1, -2.0), (0.0, 1.0)))
-    memory = Memory(references=(Reference(3.0, (0.6, 0.8)),), lessons=(lesson,), learnt_from=3)
+    memory = ElementMemory(
+        references=(Reference(3.0, (0.6, 0.8)),), lessons=(lesson,), learnt_from=3
+    )
     content = json.loads(json.dumps(dataclasses.asdict(memory)))
-    assert Memory.from_dict(content).lessons == (lesson,)
+    assert ElementMemory.from_dict(content).lessons == (lesson,)
     del content["lessons"][0]["steps"]
-    assert Memory.from_dict(content).lessons == (dataclasses.replace(lesson, steps=()),)
+    assert ElementMemory.from_dict(content).lessons == (dataclasses.replace(lesson, steps=()),)

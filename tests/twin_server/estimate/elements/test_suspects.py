@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from slowtime.evolution.structures import Hypothesis, NamedChanges
+from slowtime.evolution.structures import ChangedParts, NamedChanges
 from twin_server.estimate.elements.suspects import suspects_of
 
 NAMES = ("j1", "j2", "j4", "m1.mass")
@@ -13,7 +13,7 @@ def hypothesis(probability, **changes):
     change = np.array(list(changes.values()))
     sd = np.full(len(change), 0.01)
     names = tuple(name.replace("_mass", ".mass") for name in changes)
-    return Hypothesis(names, probability, change, sd, change - 2 * sd, change + 2 * sd)
+    return ChangedParts(names, probability, change, sd, change - 2 * sd, change + 2 * sd)
 
 
 def sentences(*hypotheses):
