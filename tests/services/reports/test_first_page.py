@@ -128,10 +128,33 @@ def test_an_improvement_is_stated_against_both_models():
 
 
 def test_a_change_that_is_not_certain_is_not_called_one():
-    for loss, sd, level in ((0.25, 0.01, "high"), (0.01, 0.02, "low"), (0.03, 0.02, "medium")):
+    for loss, sd, level, said in (
+        (0.25, 0.01, "high", "has fallen by 25 ± 1 %"),
+        (0.01, 0.02, "high", "shows no change: −1 ± 2 %"),
+        (0.03, 0.02, "medium", "No change of the stiffness is certain: −3 ± 2 %"),
+    ):
         page = state_page("b", states(loss, sd), "stiffness", Words("en"))
         assert page.confidence.level == level
-        assert ("No change" in page.answer) == (level != "high")
+        assert said in page.answer
+    # How much a change of 1 ± 2 % may be at most is known, and that is the answer.
+    small = state_page("b", states(0.01, 0.02), "stiffness", Words("en"))
+    assert "within ±4.9 %" in small.confidence.number
+
+
+def test_what_a_frequency_knows_is_said_where_its_parts_are_not_known():
+    """Stiffness and mass err together: of neither a change is certain, of their ratio it is."""
+    told = states(0.1, 0.09)
+    told[-1] |= {"mass_change": {"value": 0.1, "sd": 0.11}, "correlation": 0.9999}
+    page = state_page("b", told, "both", Words("en"))
+    assert page.answer.startswith("The ratio of stiffness to mass has fallen by 18.2 ±")
+    assert page.confidence.level == "high"
+    assert any("tell stiffness from mass" in action for action in page.actions)
+    assert [one.name for one in page.alternatives] == [
+        "a change of stiffness by −18.2 ± 0.12 % instead",
+        "a change of mass by 22.2 ± 0.17 % instead",
+    ]
+    told[-1] |= {"correlation": 0.0}
+    assert "ratio" not in state_page("b", told, "both", Words("en")).answer
 
 
 def test_a_plan_whose_last_safe_day_has_passed_says_so_first():

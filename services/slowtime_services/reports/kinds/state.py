@@ -9,6 +9,7 @@ from typing import Any
 from scipy.special import ndtr
 
 from slowtime_services.reports.first_page import (
+    LIKELY,
     SURE,
     Alternative,
     Confidence,
@@ -52,22 +53,36 @@ def state_page(name: str, states: Sequence[State], changes: str, words: Words) -
     """Give the first page, of the latest epoch."""
     latest, wanted = states[-1], _wanted(changes)
     told = [(each, *_certainty(latest[f"{each}_change"])) for each in wanted]
-    least = min((chance for _, _, _, chance in told), default=0.5)
+    known = [one for one in told if math.isfinite(one[1])]
+    sure = [chance for _, _, _, chance in known if chance >= SURE]
+    ratio = _ratio(latest) if len(known) == 2 and not sure else None
+    answers = [_answer(*one, words) for one in told]
     if not latest["valid"]:
         reason = "; ".join(latest["reasons"])
         confidence = Confidence("low", words("state.not_valid", reason=reason))
+    elif sure or ratio is not None:
+        chance = min(sure) if ratio is None else ratio[2]
+        told_p = words.percent(min(chance, 0.9999), 4)
+        confidence = Confidence(level_of(chance), words("state.confidence", p=told_p))
+    elif any(chance >= LIKELY for _, _, _, chance in known):
+        told_p = words.percent(max(chance for _, _, _, chance in known), 4)
+        confidence = Confidence("medium", words("state.confidence_same", p=told_p))
+    elif not known:
+        confidence = Confidence("low", words("state.confidence_same", p=words.percent(0.5, 4)))
     else:
-        key = "state.confidence" if least >= SURE else "state.confidence_same"
-        told_p = words.percent(min(least, 0.9999), 4)
-        confidence = Confidence(level_of(least), words(key, p=told_p))
+        bounds = [words.number(100 * (abs(v) + 1.96 * sd), 2) for _, v, sd, _ in known]
+        within = " / ".join(bounds)
+        confidence = Confidence(level_of(SURE), words("state.confidence_bound", most=within))
+    if ratio is not None:
+        answers.insert(0, _answer("ratio", *ratio, words))
     return FirstPage(
         kind="state",
         subject=name,
         question=words("state.question", name=name),
-        answer=" ".join(_answer(each, value, sd, p, words) for each, value, sd, p in told),
+        answer=" ".join(answers),
         confidence=confidence,
-        actions=list(_actions(latest, least, words)),
-        alternatives=list(_alternatives(latest, wanted, words)),
+        actions=list(_actions(latest, words, changed=bool(sure), tied=ratio is not None)),
+        alternatives=list(_alternatives(latest, wanted, ratio, words)),
         facts=list(_facts(name, states, words)),
     )
 
@@ -80,32 +95,60 @@ def _certainty(estimate: State | None) -> tuple[float, float, float]:
     return value, sd, float(ndtr(abs(value) / sd)) if sd > 0 else 0.5
 
 
+def _ratio(latest: State) -> tuple[float, float, float] | None:
+    """Change of stiffness over mass that is certain while that of neither is; else None.
+
+    A natural frequency knows the ratio far better than its parts, whose errors go together.
+    """
+    (k, sd_k, _), (m, sd_m, _) = (
+        _certainty(latest[name]) for name in ("stiffness_change", "mass_change")
+    )
+    ratio, sds = (1 + k) / (1 + m), (sd_k / (1 + k), sd_m / (1 + m))
+    variance = sds[0] ** 2 + sds[1] ** 2 - 2 * (latest["correlation"] or 0.0) * sds[0] * sds[1]
+    sd = ratio * math.sqrt(max(variance, 0.0))
+    found = _certainty({"value": ratio - 1, "sd": sd})
+    return found if found[2] >= SURE else None
+
+
 def _answer(name: str, value: float, sd: float, chance: float, words: Words) -> str:
     what = words(f"state.{name}")
     if not math.isfinite(value):
         return words("state.unknown", what=what)
-    key = "same" if chance < SURE else "lost" if value < 0 else "gained"
-    size = value if key == "same" else abs(value)
+    if chance < SURE:
+        key, size = "none" if chance < LIKELY else "same", value
+    else:
+        key, size = "lost" if value < 0 else "gained", abs(value)
     shown = words.number(100 * size, 3)
     return words(f"state.{key}", what=what, size=shown, sd=words.number(100 * sd, 2))
 
 
-def _actions(latest: State, chance: float, words: Words) -> Iterator[str]:
+def _actions(latest: State, words: Words, *, changed: bool, tied: bool) -> Iterator[str]:
     for reason in latest["reasons"]:
         yield words("state.do_reason", reason=reason)
-    yield words("state.do_inspect" if chance >= SURE else "state.do_wait")
+    yield words("state.do_inspect" if changed or tied else "state.do_wait")
+    if tied:
+        yield words("state.do_tell_apart")
 
 
-def _alternatives(latest: State, wanted: Sequence[str], words: Words) -> Iterator[Alternative]:
-    """Give the change of the other quantity with the same frequency: (1 + k) (1 + m) = 1."""
-    if len(wanted) != 1 or latest[f"{wanted[0]}_change"] is None:
+def _alternatives(
+    latest: State, wanted: Sequence[str], ratio: tuple[float, float, float] | None, words: Words
+) -> Iterator[Alternative]:
+    """Give what else has the same frequency: (1 + k) / (1 + m) is what one mode knows."""
+    if ratio is not None:
+        value, sd, keys = ratio[0], ratio[1], ("stiffness", "mass")
+    elif len(wanted) != 1 or latest[f"{wanted[0]}_change"] is None:
         return
-    value, sd, _ = _certainty(latest[f"{wanted[0]}_change"])
-    other = 1.0 / (1.0 + value) - 1.0
-    key = "mass" if wanted[0] == "stiffness" else "stiffness"
-    size, error = words.number(100 * other, 3), words.number(100 * sd / (1 + value) ** 2, 2)
-    name = words(f"state.alternative_{key}", size=size, sd=error)
-    yield Alternative(name, words("state.same_frequency"))
+    else:
+        of = latest[f"{wanted[0]}_change"]
+        value, sd, keys = of["value"], of["sd"], tuple({"stiffness", "mass"} - {*wanted})
+        if wanted[0] == "mass":
+            value, sd = 1 / (1 + value) - 1, sd / (1 + value) ** 2
+    for key in keys:
+        size = value if key == "stiffness" else 1 / (1 + value) - 1
+        error = sd if key == "stiffness" else sd / (1 + value) ** 2
+        shown, around = words.number(100 * size, 3), words.number(100 * error, 2)
+        name = words(f"state.alternative_{key}", size=shown, sd=around)
+        yield Alternative(name, words("state.same_frequency"))
 
 
 def _facts(name: str, states: Sequence[State], words: Words) -> Iterator[tuple[str, str]]:
