@@ -43,7 +43,7 @@ def diagnosis_page(diagnosis: Diagnosis, document: DiagnosisFile, words: Words) 
         question=words("diagnosis.question", name=name),
         answer=_answer(document, words),
         confidence=_confidence(document, words),
-        actions=list(_actions(document, words)),
+        actions=list(_actions(diagnosis, document, words)),
         alternatives=list(_rivals(document, words)),
         improvement=Improvement(
             given=100 * gap.nominal,
@@ -91,20 +91,23 @@ def _confidence(document: DiagnosisFile, words: Words) -> Confidence:
     nothing = document.nothing_probability
     if document.verdict == "undecided":
         best = max((rival.probability for rival in document.undecided), default=0.0)
-        told = words("diagnosis.confidence_undecided", p=words.number(best, 3))
+        told = words("diagnosis.confidence_undecided", p=words.probability(best))
         return Confidence("low", told)
     if document.verdict == "unknown_effect":
-        told = words("diagnosis.confidence_unknown", p=words.number(1.0 - nothing, 3))
+        told = words("diagnosis.confidence_unknown", p=words.probability(1.0 - nothing))
         return Confidence(level_of(1.0 - nothing), told)
     if document.effects:
         least = min(effect.probability for effect in document.effects)
-        told = words("diagnosis.confidence", p=words.number(least, 3))
+        told = words("diagnosis.confidence", p=words.probability(least))
         return Confidence(level_of(least), told)
-    told = words("diagnosis.confidence_nothing", p=words.number(nothing, 3))
+    told = words("diagnosis.confidence_nothing", p=words.probability(nothing))
     return Confidence(level_of(nothing), told)
 
 
 def _rivals(document: DiagnosisFile, words: Words) -> Iterator[Alternative]:
+    if document.verdict == "unknown_effect":
+        none = words("diagnosis.none_known")
+        yield Alternative(none, words("diagnosis.none_known_measure"))
     every = [rival for effect in document.effects for rival in effect.alternatives]
     every += document.undecided
     every.sort(key=lambda rival: -rival.probability)
@@ -115,7 +118,8 @@ def _rivals(document: DiagnosisFile, words: Words) -> Iterator[Alternative]:
         yield Alternative(name, measure)
 
 
-def _actions(document: DiagnosisFile, words: Words) -> Iterator[str]:
+def _actions(diagnosis: Diagnosis, document: DiagnosisFile, words: Words) -> Iterator[str]:
+    joined = {element.id for element in diagnosis.nominal.elements}
     if document.experiment:
         yield words("diagnosis.do_experiment", what=document.experiment)
     for finding in document.findings:
@@ -131,12 +135,18 @@ def _actions(document: DiagnosisFile, words: Words) -> Iterator[str]:
     if document.verdict == "missing_effect":
         for effect in document.effects:
             place = placed(effect.where.kind, effect.where.id)
-            yield words("diagnosis.do_inspect", place=place)
+            stated = effect.where.kind != "element" or effect.where.id in joined
+            key = "diagnosis.do_inspect" if stated else "diagnosis.do_join"
+            yield words(key, place=place)
         yield words("diagnosis.do_use")
     elif document.verdict == "parameters_only":
         yield words("diagnosis.do_refit")
     elif document.verdict == "nothing_missing":
         yield words("diagnosis.do_keep")
+    elif document.verdict in ("sensor_fault", "input_fault"):
+        for effect in document.effects:
+            place = placed(effect.where.kind, effect.where.id)
+            yield words("diagnosis.do_sensor", place=place, effect=named(effect.effect))
     elif not document.experiment:
         yield words("diagnosis.do_more")
 

@@ -8,6 +8,9 @@ from slowtime_services.documents.document_files import read_json_file
 
 FOLDER = Path(__file__).parent / "messages"
 LANGUAGES = ("en", "de")
+MOST_SURE = 0.999
+"""Probability [1] beyond which only a bound is written. Source: what was not compared at all
+has a probability, too."""
 
 
 class Words:
@@ -52,6 +55,10 @@ class Words:
         """Write a number with so many significant digits."""
         text = f"{value:.{digits}g}".replace("-", "−")
         return text.replace(".", ",") if self.language == "de" else text
+
+    def probability(self, p: float) -> str:
+        """Write a probability in percent; none is 100 %, as no comparison is of everything."""
+        return f"> {self.percent(MOST_SURE)}" if p > MOST_SURE else self.percent(p)
 
     def percent(self, share: float, digits: int = 3) -> str:
         """Write a share in percent."""
