@@ -142,7 +142,7 @@ def _actions(diagnosis: Diagnosis, document: DiagnosisFile, words: Words) -> Ite
     elif document.verdict == "parameters_only":
         yield words("diagnosis.do_refit")
     elif document.verdict == "nothing_missing":
-        yield words("diagnosis.do_keep")
+        yield words("diagnosis.do_keep_refitted")
     elif document.verdict in ("sensor_fault", "input_fault"):
         for effect in document.effects:
             place = placed(effect.where.kind, effect.where.id)

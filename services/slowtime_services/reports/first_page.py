@@ -22,6 +22,10 @@ SURE, LIKELY = 0.95, 0.7
 customary level of a test, 0.7 is what makes an answer more than twice as likely as all else."""
 
 
+MOST_ALTERNATIVES = 6
+"""Other answers on a first page [1]: with more, it is none."""
+
+
 def level_of(probability: float) -> Level:
     """Name the confidence of an answer by its probability."""
     return "high" if probability >= SURE else "medium" if probability >= LIKELY else "low"
@@ -171,7 +175,7 @@ def _escaped(text: str) -> str:
 
 
 def _alternatives(page: FirstPage, words: Words) -> Iterator[str]:
-    yield f'<aside class="alternatives"><h2>{_escaped(words("alternatives"))}</h2>'
+    yield f'<aside class="alternatives"><h2>{_escaped(words(f"alternatives.{page.kind}"))}</h2>'
     if page.alternatives:
         yield "<ul>"
         for one in page.alternatives:

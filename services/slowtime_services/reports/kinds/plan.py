@@ -30,6 +30,9 @@ MOST_BESIDE = 3
 HOUR_S = 3600.0
 """Seconds of a unit of time above which instants are told by date [s], as the page does."""
 
+CENT = 0.01
+"""Amount [currency] below which a cost is written as 0: rounding of sums."""
+
 COLOURS = ("#0b6fb8", "#b3541e", "#2f8f5b", "#7a5ba6")
 
 
@@ -143,6 +146,8 @@ def _alternatives(plan: Answer, words: Words) -> Iterator[Alternative]:
 
 def _actions(plan: Answer, words: Words) -> Iterator[str]:
     last = plan["last_order"]
+    if plan["decided"]:
+        yield words("plan.do_option", name=plan["options"][0]["words"])
     if last["status"] == "due":
         yield words("plan.do_order", when=_moment(plan, last["order"], words))
     if plan["action"] == "repair" and last["now_effect"] is not None:
@@ -189,9 +194,15 @@ def _picture(plan: Answer, words: Words) -> Chart:
             "title": {"text": words("plan.axis_cost", currency=plan["currency"])},
             "rangemode": "tozero",
         },
-        "legend": {"orientation": "v", "x": 0, "xanchor": "left", "y": -0.3, "yanchor": "top"},
+        "legend": {"orientation": "v", "x": 0, "xanchor": "left", "y": -0.4, "yanchor": "top"},
     }  # fmt: skip
     return Chart(traces, layout, words("plan.picture"))
+
+
+def _amount(amount: float) -> str:
+    """Write an amount of a table in three digits; what is less than a cent is nothing."""
+    rounded = 0.0 if abs(amount) < CENT else float(f"{amount:.3g}")
+    return f"{rounded:,.0f}" if abs(rounded) >= 1000 else f"{rounded:.3g}"
 
 
 def _sections(plan: Answer) -> Iterator[Section]:
@@ -204,7 +215,7 @@ def _sections(plan: Answer) -> Iterator[Section]:
     rows = [
         (
             option["words"], option["now"],
-            *(f"{option['cost'][part]:.4g}" for part in ("value", "lo", "hi")),
+            *(_amount(option["cost"][part]) for part in ("value", "lo", "hi")),
             f"{option['failures']:.2g}",
         )
         for option in plan["options"]
@@ -213,7 +224,7 @@ def _sections(plan: Answer) -> Iterator[Section]:
     caption = f"Costs in {plan['currency']} until the horizon; 5 and 95 % over futures."
     yield Section("Options", (), [Table(heads, rows, caption)])
     worths = [
-        (one["words"], f"{one['value']:.3g}", f"{one['net']:.3g}", f"{one['changes']:.2g}")
+        (one["words"], _amount(one["value"]), _amount(one["net"]), f"{one['changes']:.2g}")
         for one in plan["information"]
     ]
     if worths:

@@ -13,6 +13,13 @@ GOOD, FAIR = 0.1, 0.3
 """Coefficients of variation [1] up to which an estimate is of high and of medium confidence.
 Source: at 0.3 the 95 % interval spans about a factor of four, at 0.1 one of 1.5."""
 
+MOST_NAMED = 12
+"""Inputs that a first page names [1]: two lines."""
+
+LEAST_SHARE = 0.1
+"""Share of the variance [1] from which an input is worth learning more of. Source: without one
+of less, beta grows by 5 %."""
+
 
 def write_reliability_report(
     path: Path,
@@ -57,12 +64,19 @@ def reliability_page(
         alternatives=[_alternative(one, words) for one in others],
         facts=[
             (words("facts.data"), name),
-            (words("facts.inputs"), ", ".join(problem.names)),
+            (words("facts.inputs"), _named(problem.names)),
             (words("facts.method"), best.method),
             (words("facts.calls"), str(best.calls)),
             (words("facts.seed"), str(seed)),
         ],
     )
+
+
+def _named(names: Sequence[str]) -> str:
+    """List names; of many the first, and how many there are."""
+    if len(names) <= MOST_NAMED:
+        return ", ".join(names)
+    return f"{', '.join(names[:MOST_NAMED])}, … ({len(names)})"
 
 
 def _best(found: Sequence[Result]) -> Result:
@@ -80,6 +94,8 @@ def _confidence(best: Result, others: Sequence[Result], words: Words) -> Confide
     lo, hi = best.interval
     agree = sum(lo <= one.probability <= hi for one in others)
     level: Level = "high" if cov <= GOOD else "medium" if cov <= FAIR else "low"
+    if level == "high" and others and not agree:
+        level = "medium"
     if best.warnings:
         level = "low"
     told = words(
@@ -102,12 +118,16 @@ def _actions(
 ) -> Iterator[str]:
     for warning in best.warnings:
         yield words("reliability.do_warning", method=best.method, warning=warning)
+    if best.interval is None:
+        yield words("reliability.do_sample")
     yield words("reliability.do_compare")
     point = next((one.design_points[0] for one in found if one.design_points), None)
     if point is not None:
         most = int(point.importance.argmax())
-        share = words.percent(float(point.importance[most]), 3)
-        yield words("reliability.do_input", name=problem.names[most], share=share)
+        share = float(point.importance[most])
+        if share >= LEAST_SHARE:
+            told = words.percent(share, 3)
+            yield words("reliability.do_input", name=problem.names[most], share=told)
 
 
 def _picture(found: Sequence[Result], words: Words) -> Chart:

@@ -134,6 +134,7 @@ def _alternatives(
     latest: State, wanted: Sequence[str], ratio: tuple[float, float, float] | None, words: Words
 ) -> Iterator[Alternative]:
     """Give what else has the same frequency: (1 + k) / (1 + m) is what one mode knows."""
+    keys: tuple[str, ...]
     if ratio is not None:
         value, sd, keys = ratio[0], ratio[1], ("stiffness", "mass")
     elif len(wanted) != 1 or latest[f"{wanted[0]}_change"] is None:
