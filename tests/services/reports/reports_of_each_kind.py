@@ -24,8 +24,8 @@ from tests.services.diagnose.slide import told
 CHANNELS = ("roof", "middle", "ground")
 
 
-def _mode(hz, kind="structural", flags=()):
-    shape = np.array([1.0, 0.6, 0.1], dtype=complex) / np.linalg.norm([1.0, 0.6, 0.1])
+def mode_at(hz, kind="structural", flags=(), shape=(1.0, 0.6, 0.1)):
+    shape = np.array(shape, dtype=complex) / np.linalg.norm(shape)
     return Mode(
         frequency_hz=Measured(hz, 0.002 * hz),
         damping_ratio=Measured(0.012, 0.001),
@@ -40,13 +40,18 @@ def _mode(hz, kind="structural", flags=()):
 
 def modal_result():
     """Two modes, one of them doubted, and the line of a machine."""
+    doubted = mode_at(7.0, flags=("few_orders",), shape=(1.0, -0.9, 0.3))
+    return modal_result_of((mode_at(2.5), doubted, mode_at(10.0, "harmonic")))
+
+
+def modal_result_of(modes):
+    """Modes with a spectrum of two peaks."""
     empty = np.zeros(0)
     none = Stabilisation(
         np.zeros(0, dtype=int), empty, empty, empty, empty, np.zeros(0, dtype=int)
     )
     hz = np.linspace(0.0, 20.0, 200)
     values = 1.0 / (0.01 + (hz[:, None] - np.array([2.5, 7.0])) ** 2)
-    modes = (_mode(2.5), _mode(7.0, flags=("few_orders",)), _mode(10.0, "harmonic"))
     return ModalResult(modes=modes, stabilisation=none, spectrum_hz=hz, singular_values=values)
 
 

@@ -21,10 +21,18 @@ from slowtime_services.reports import (
     pdf,
 )
 from slowtime_services.reports.first_page import Confidence, first_page, made_on
+from slowtime_services.reports.kinds.modes import modes_page
 from slowtime_services.reports.kinds.plan import plan_page
 from slowtime_services.reports.kinds.state import state_page
 from slowtime_services.reports.words import FOLDER
-from tests.services.reports.reports_of_each_kind import WRITERS, plan_answer, states
+from tests.services.reports.reports_of_each_kind import (
+    CHANNELS,
+    WRITERS,
+    modal_result_of,
+    mode_at,
+    plan_answer,
+    states,
+)
 
 SAYS = {
     ("modes", "en"): ["Which modes of vibration does tower.csv have?", "2.5 ± 0.005 Hz",
@@ -245,3 +253,20 @@ def test_a_connection_that_was_found_is_arched_over_the_points_between_its_ends(
     assert [(float(end) > float(middle), bool(strong)) for end, middle, strong in drawn] == [
         (False, False), (False, False), (True, True),
     ]  # fmt: skip
+
+
+def test_a_mode_that_may_be_another_or_a_line_is_no_mode_without_reservations():
+    alike = mode_at(3.1, shape=(1.0, 0.62, 0.08))
+    apart = mode_at(5.0, shape=(1.0, -0.9, 0.3))
+    beside, line = mode_at(10.05, shape=(0.2, 1.0, -0.9)), mode_at(10.0, "harmonic")
+    page = modes_page(
+        "t", modal_result_of((mode_at(2.5), alike, apart, beside, line)), CHANNELS, Words("en")
+    )
+    assert page.confidence.level == "low"
+    assert page.confidence.number.startswith("1 of 4 modes are without reservations")
+    assert {one.name: one.measure for one in page.alternatives} == {
+        "2.5 Hz": "the channels do not tell it from 3.1 Hz",
+        "3.1 Hz": "the channels do not tell it from 2.5 Hz",
+        "10.05 Hz": "stands beside the line of a machine",
+        "10 Hz": "the line of a machine, which may hide a mode",
+    }

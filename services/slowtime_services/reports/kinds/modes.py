@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from slowtime.identification.automatic.modal_result import ModalResult
+from slowtime.identification.mode_shapes.criteria import mac
 from slowtime.identification.modes import Mode
 from slowtime_services.reports.first_page import (
     Alternative,
@@ -14,6 +15,15 @@ from slowtime_services.reports.first_page import (
     level_of,
 )
 from slowtime_services.reports.words import Words
+
+ALIKE = 0.9
+"""MAC [1] from which two shapes are taken for one. Source: the customary level at which shapes
+of two measurements count as those of one mode."""
+MOST_DOUBTS = 2
+"""Doubts about one mode that the first page tells [1]: the table below has flags and shapes."""
+SDS_OF_LINE = 3.0
+"""Distance of a mode from a machine line [standard deviations] up to which it may be that
+line. Source: chance exceeds it in 0.3 %."""
 
 
 def modes_page(
@@ -38,7 +48,8 @@ def modes_page(
         Structure; None where no geometry is known.
     """
     modes = result.structural
-    clean = [mode for mode in modes if not mode.flags]
+    doubts = [_doubts(mode, result, words) for mode in modes]
+    clean = [mode for mode, told in zip(modes, doubts, strict=True) if not told]
     facts = [(words("facts.data"), name), (words("facts.channels"), ", ".join(channels))]
     if rate_hz is not None:
         facts.append((words("facts.rate"), f"{words.number(rate_hz, 5)} Hz"))
@@ -62,7 +73,7 @@ def modes_page(
         answer=_answer(modes, words),
         confidence=confidence,
         actions=list(_actions(modes, clean, words)),
-        alternatives=list(_alternatives(result, words)),
+        alternatives=list(_alternatives(result, doubts, words)),
         facts=facts,
         sketch=sketch,
     )
@@ -98,10 +109,31 @@ def _actions(modes: Sequence[Mode], clean: Sequence[Mode], words: Words) -> Iter
     yield words("modes.do_use")
 
 
-def _alternatives(result: ModalResult, words: Words) -> Iterator[Alternative]:
-    for mode in result.modes:
-        hz = f"{words.number(mode.frequency_hz.value, 4)} Hz"
-        if mode.kind != "structural":
-            yield Alternative(hz, words("modes.machine"))
-        elif mode.flags:
-            yield Alternative(hz, ", ".join(flag.replace("_", " ") for flag in mode.flags))
+def _doubts(mode: Mode, result: ModalResult, words: Words) -> list[str]:
+    """Say what a mode is flagged for, and why it may be another mode or no mode."""
+    told = [flag.replace("_", " ") for flag in mode.flags]
+    own = mode.frequency_hz
+    for other in result.modes:
+        away, sd = abs(own.value - other.frequency_hz.value), other.frequency_hz.sd
+        if other.kind != "structural":
+            width = mode.damping_ratio.value * own.value
+            near = max(SDS_OF_LINE * np.hypot(own.sd, sd), np.nan_to_num(width))
+            told += [words("modes.beside_line")] if away <= near else []
+        elif other is not mode and len(mode.shape) > 1 and mac(mode.shape, other.shape) > ALIKE:
+            hz = f"{words.number(other.frequency_hz.value, 4)} Hz"
+            told.append(words("modes.alike", other=hz))
+    return list(dict.fromkeys(told))
+
+
+def _alternatives(
+    result: ModalResult, doubts: Sequence[list[str]], words: Words
+) -> Iterator[Alternative]:
+    """Give modes that may be something else, then lines of machines."""
+    lines = [mode for mode in result.modes if mode.kind != "structural"]
+    for mode, told in zip(result.structural, doubts, strict=True):
+        if told:
+            hz = f"{words.number(mode.frequency_hz.value, 4)} Hz"
+            yield Alternative(hz, ", ".join(told[:MOST_DOUBTS]))
+    for line in lines:
+        hz = f"{words.number(line.frequency_hz.value, 4)} Hz"
+        yield Alternative(hz, words("modes.machine"))
