@@ -22,7 +22,7 @@ from slowtime_services.reports import (
 )
 from slowtime_services.reports.first_page import Confidence, first_page, made_on
 from slowtime_services.reports.kinds.modes import modes_page
-from slowtime_services.reports.kinds.plan import plan_page
+from slowtime_services.reports.kinds.plan import _amount, plan_page
 from slowtime_services.reports.kinds.state import state_page
 from slowtime_services.reports.words import FOLDER
 from tests.services.reports.reports_of_each_kind import (
@@ -270,3 +270,8 @@ def test_a_mode_that_may_be_another_or_a_line_is_no_mode_without_reservations():
         "10.05 Hz": "stands beside the line of a machine",
         "10 Hz": "the line of a machine, which may hide a mode",
     }
+
+
+def test_small_costs_are_written_and_rounding_is_not():
+    assert [_amount(x, 39_000.0) for x in (38_953.7, -4.4e-11)] == ["39,000", "0"]
+    assert [_amount(x, 0.02) for x in (0.004, 0.0123)] == ["0.004", "0.0123"]

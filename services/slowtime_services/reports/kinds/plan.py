@@ -30,8 +30,8 @@ MOST_BESIDE = 3
 HOUR_S = 3600.0
 """Seconds of a unit of time above which instants are told by date [s], as the page does."""
 
-CENT = 0.01
-"""Amount [currency] below which a cost is written as 0: rounding of sums."""
+ROUNDING = 1e-9
+"""Share of the largest cost [1] below which an amount is written as 0: what sums round off."""
 
 COLOURS = ("#0b6fb8", "#b3541e", "#2f8f5b", "#7a5ba6")
 
@@ -199,9 +199,9 @@ def _picture(plan: Answer, words: Words) -> Chart:
     return Chart(traces, layout, words("plan.picture"))
 
 
-def _amount(amount: float) -> str:
-    """Write an amount of a table in three digits; what is less than a cent is nothing."""
-    rounded = 0.0 if abs(amount) < CENT else float(f"{amount:.3g}")
+def _amount(amount: float, largest: float) -> str:
+    """Write an amount of a table in three digits; what sums round off is nothing."""
+    rounded = 0.0 if abs(amount) < ROUNDING * largest else float(f"{amount:.3g}")
     return f"{rounded:,.0f}" if abs(rounded) >= 1000 else f"{rounded:.3g}"
 
 
@@ -212,10 +212,11 @@ def _sections(plan: Answer) -> Iterator[Section]:
     yield Section("Reasons", [*told, *plan["changes"]])
     if not plan["options"]:
         return
+    largest = max(abs(option["cost"]["hi"]) for option in plan["options"])
     rows = [
         (
             option["words"], option["now"],
-            *(_amount(option["cost"][part]) for part in ("value", "lo", "hi")),
+            *(_amount(option["cost"][part], largest) for part in ("value", "lo", "hi")),
             f"{option['failures']:.2g}",
         )
         for option in plan["options"]
@@ -224,9 +225,12 @@ def _sections(plan: Answer) -> Iterator[Section]:
     caption = f"Costs in {plan['currency']} until the horizon; 5 and 95 % over futures."
     yield Section("Options", (), [Table(heads, rows, caption)])
     worths = [
-        (one["words"], _amount(one["value"]), _amount(one["net"]), f"{one['changes']:.2g}")
+        (
+            one["words"], *(_amount(one[part], largest) for part in ("value", "net")),
+            f"{one['changes']:.2g}",
+        )
         for one in plan["information"]
-    ]
+    ]  # fmt: skip
     if worths:
         names = ("observation", "value", "net value", "changes the action")
         caption = (

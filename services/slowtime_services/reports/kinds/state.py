@@ -62,13 +62,13 @@ def state_page(name: str, states: Sequence[State], changes: str, words: Words) -
         confidence = Confidence("low", words("state.not_valid", reason=reason))
     elif sure or ratio is not None:
         chance = min(sure) if ratio is None else ratio[2]
-        told_p = words.percent(min(chance, 0.9999), 4)
+        told_p = words.probability(chance)
         confidence = Confidence(level_of(chance), words("state.confidence", p=told_p))
     elif any(chance >= LIKELY for _, _, _, chance in known):
-        told_p = words.percent(max(chance for _, _, _, chance in known), 4)
+        told_p = words.probability(max(chance for _, _, _, chance in known))
         confidence = Confidence("medium", words("state.confidence_same", p=told_p))
     elif not known:
-        confidence = Confidence("low", words("state.confidence_same", p=words.percent(0.5, 4)))
+        confidence = Confidence("low", words("state.confidence_same", p=words.probability(0.5)))
     else:
         bounds = [words.number(100 * (abs(v) + 1.96 * sd), 2) for _, v, sd, _ in known]
         within = " / ".join(bounds)
