@@ -12,6 +12,8 @@ from .bayes import bayesian_modes
 from .estimates import Measured
 from .fdd.estimation import efdd, fdd
 from .fdd.spectral_decomposition import decompose_spectrum, scaled_coefficients
+from .harmonics.beside_lines import FLAG as BESIDE_A_LINE
+from .harmonics.beside_lines import MachineLines
 from .harmonics.detection import PeakClass, find_harmonics
 from .harmonics.periodic_force import FLAG, mean_period, without_periodic_force
 from .modes import Mode
@@ -45,8 +47,8 @@ def by_method(
     method
         `modes`: subspaces and likelihood, `identify_modes`. `bayes`: the candidates of these by
         the fast Bayesian FFT; a mode that contradicts its candidate is replaced by it, with the
-        flag `misfit`. `fdd`, `efdd`: peaks of the first singular value, plain or
-        enhanced; no stabilisation.
+        flag `misfit`, as is one whose fit did not end, with the flag `not_converged`. `fdd`,
+        `efdd`: peaks of the first singular value, plain or enhanced; no stabilisation.
     band_hz
         Of the modes that are reported [Hz]. All of the record is modelled, so that a mode does
         not depend on where the edges are.
@@ -78,7 +80,7 @@ def _decomposed(
 ) -> ModalResult:
     """Modes and lines by frequency domain decomposition; of a periodic force, of its mean."""
     usual = checks.band(None, rate_hz, len(samples))
-    everywhere, _ = find_harmonics(
+    everywhere, families = find_harmonics(
         samples, rate_hz, band_hz=checks.modelled_band(band_hz, usual)
     )
     found, periods = without_periodic_force(everywhere, rate_hz / len(samples))
@@ -88,12 +90,24 @@ def _decomposed(
     modes = (efdd if method == "efdd" else fdd)(samples, rate_hz, band_hz=band_hz, lines=lines)
     if periods > 1:
         modes = tuple(dataclasses.replace(mode, flags=(*mode.flags, FLAG)) for mode in modes)
+    else:
+        modes = _doubted(modes, MachineLines(lines, families, len(samples) / rate_hz))
     spectra = decompose_spectrum(scaled_coefficients(samples, rate_hz, lines), band_hz=band_hz)
     return ModalResult(
         modes=_ascending([*modes, *(_line(verdict) for verdict in found)]),
         stabilisation=_empty(),
         spectrum_hz=spectra.frequency_hz,
         singular_values=spectra.values,
+    )
+
+
+def _doubted(modes: tuple[Mode, ...], machines: MachineLines) -> tuple[Mode, ...]:
+    """Flag the modes that may be the rest of a line."""
+    return tuple(
+        dataclasses.replace(mode, flags=(*mode.flags, BESIDE_A_LINE))
+        if machines.judge(mode.frequency_hz, mode.damping_ratio) != "mode"
+        else mode
+        for mode in modes
     )
 
 
@@ -130,7 +144,7 @@ def _bayesian(samples: np.ndarray, rate_hz: float, result: ModalResult) -> Modal
 
 
 def _agreed(mode: Mode, before: Mode) -> Mode:
-    """Most probable mode, or its candidate, flagged, where that contradicts it.
+    """Most probable mode, or its candidate, flagged, if they contradict or none was found.
 
     Both are likeliest values of one record, so that their difference is no larger than the
     error of either. A larger one shows that the forces are not as the Bayesian model has them:
@@ -141,14 +155,16 @@ def _agreed(mode: Mode, before: Mode) -> Mode:
         (mode.damping_ratio, before.damping_ratio),
     )
     # Written so that a NaN contradicts.
-    agrees = all(
+    found = "not_converged" not in mode.flags
+    agrees = found and all(
         abs(new.value - old.value) <= CONTRADICTION * old.sd
         and new.sd <= CONTRADICTION * old.sd
         for new, old in pairs
     )
     if agrees:
         return mode
-    return dataclasses.replace(before, flags=(*before.flags, "misfit"))
+    flag = "misfit" if found else "not_converged"
+    return dataclasses.replace(before, flags=(*before.flags, flag))
 
 
 def _line(verdict: PeakClass) -> Mode:

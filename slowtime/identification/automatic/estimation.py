@@ -14,6 +14,8 @@ from jaxtyping import Complex, Float
 
 from slowtime.identification import checks
 from slowtime.identification.estimates import Measured
+from slowtime.identification.harmonics.beside_lines import FLAG as BESIDE_A_LINE
+from slowtime.identification.harmonics.beside_lines import MachineLines
 from slowtime.identification.harmonics.detection import (
     PeakClass,
     classify_in_spectra,
@@ -117,7 +119,7 @@ def identify_modes(
     columns /= scale
     # A line leaks everywhere: those beyond the band are taken out, too.
     usual = checks.band(None, rate_hz, len(columns))
-    found_lines, _ = find_harmonics(
+    found_lines, families = find_harmonics(
         columns, rate_hz, band_hz=checks.modelled_band(edges, usual)
     )
     everywhere, periods = without_periodic_force(found_lines, rate_hz / len(columns))
@@ -148,7 +150,11 @@ def identify_modes(
     if periods > 1:
         modes = [dataclasses.replace(mode, flags=(*mode.flags, FLAG)) for mode in modes]
     else:
-        modes = _judged(modes, FourierSpectra(spectrum.coefficients, spectrum.spacing_hz))
+        modes = _judged(
+            modes,
+            FourierSpectra(spectrum.coefficients, spectrum.spacing_hz),
+            MachineLines(tones, families, count / rate_hz),
+        )
     whole = sorted([*modes, *(_line(v, units) for v in lines)], key=_frequency)
     places = [next(i for i, m in enumerate(whole) if m is mode) for mode in modes]
     return ModalResult(
@@ -349,15 +355,19 @@ def _mode(one: Chosen, units: _Units) -> Mode:
     )
 
 
-def _judged(modes: list[Mode], spectra: FourierSpectra) -> list[Mode]:
-    """Modes too steady for a structure called harmonics."""
+def _judged(modes: list[Mode], spectra: FourierSpectra, machines: MachineLines) -> list[Mode]:
+    """Call modes harmonics that are too steady for a structure or on a machine's multiple."""
     if not modes:
         return modes
     verdicts = classify_in_spectra(spectra, np.array([_frequency(mode) for mode in modes]))
-    return [
-        dataclasses.replace(mode, kind=verdict.kind)
-        for mode, verdict in zip(modes, verdicts, strict=True)
-    ]
+    judged: list[Mode] = []
+    for mode, verdict in zip(modes, verdicts, strict=True):
+        place = machines.judge(mode.frequency_hz, mode.damping_ratio)
+        kind = "harmonic" if place == "harmonic" else verdict.kind
+        doubted = kind == "structural" and place == "doubtful"
+        flags = (*mode.flags, BESIDE_A_LINE) if doubted else mode.flags
+        judged.append(dataclasses.replace(mode, kind=kind, flags=flags))
+    return judged
 
 
 def _line(verdict: PeakClass, units: _Units) -> Mode:

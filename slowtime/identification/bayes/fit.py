@@ -12,6 +12,10 @@ from .model import BandModes, modes_from_vector, parameter_vector
 STEPS = 60
 """Scoring steps, at most."""
 
+ROUGH_STEPS = 20
+"""The same of a fit that only says where the tails of modes reach. Source: of 57 such fits of a
+tower under one shaker 7 ended within 20 steps, 8 within 41, the others not within 60."""
+
 NEAR = 0.1
 """Length of a step at which Newton's method replaces scoring [standard deviations]."""
 
@@ -171,7 +175,7 @@ def rough_fit(band: Band, start: BandModes) -> BandModes:
     -------
     Modes.
     """
-    vector, _ = _climb(band, parameter_vector(start), start, NEAR)
+    vector, _ = _climb(band, parameter_vector(start), start, NEAR, most=ROUGH_STEPS)
     return modes_from_vector(vector, start)
 
 
@@ -181,12 +185,14 @@ def _climb(
     start: BandModes,
     tolerance: float,
     hessian: np.ndarray | None = None,
+    *,
+    most: int = STEPS,
 ) -> tuple[np.ndarray, bool]:
     """Go uphill, each step damped until it rises: Fisher scoring, or Newton by one Hessian."""
     best = log_posterior(band, vector, start)
     damping = FIRST_DAMPING if hessian is None else 0.0
     uphill, metric = _local(band, vector, start, hessian)
-    for _ in range(STEPS):
+    for _ in range(most):
         if uphill @ np.linalg.solve(metric, uphill) < tolerance**2:
             return vector, True
         step = np.linalg.solve(metric + damping * np.diag(np.diag(metric)), uphill)

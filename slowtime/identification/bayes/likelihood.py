@@ -259,8 +259,10 @@ def _information(band: Band, parts: _Parts) -> np.ndarray:
     rows = weight * (parts.y @ np.swapaxes(v, 1, 2).conj())
     of_a = v[:, :, parts.of]
     turned = np.swapaxes(h, 1, 2).conj() @ parts.q[:, :, parts.of]
-    modes_shapes = np.einsum("kpc,kjp->pjc", rows, turned)
-    modes_shapes += np.einsum("kpj,kcp->pjc", weight * (parts.y @ parts.q @ h), of_a)
+    # Products of matrices, one a row of y: sums over bins of three indices do not use BLAS.
+    modes_shapes = np.transpose(turned, (2, 1, 0)) @ np.swapaxes(rows, 0, 1)
+    crossing = weight * (parts.y @ parts.q @ h)
+    modes_shapes += np.transpose(crossing, (1, 2, 0)) @ np.transpose(of_a, (2, 0, 1))
     modes_noise = np.einsum("kpc,kcp,kc->pc", rows[:, :, twice], of_a[:, twice], noise)
     shapes_shapes = _among_shapes(
         band.number, v @ h, w, np.swapaxes(h, 1, 2).conj() @ parts.q @ h

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from slowtime.identification import checks
 from slowtime.identification.estimates import Identified, Measured
 from slowtime.identification.free_decay.estimation import FRONT_SHARE
+from slowtime.identification.harmonics.beside_lines import FLAG, MachineLines
 from slowtime.identification.harmonics.detection import LEAST_DAMPING, PeakClass, find_harmonics
 from slowtime.identification.harmonics.families import HarmonicFamily
 from slowtime.identification.harmonics.periodic_force import without_periodic_force
@@ -15,16 +16,9 @@ from slowtime.identification.harmonics.tones import remove_lines
 
 from .estimation import Method, all_modes
 
-BESIDE_BINS = 3.0
-"""Distance of a line from a mode's half-bandwidth within which the mode is flagged [bins]: the
-residue of a wandering line resembles a mode."""
-
 DECIDABLE_BINS = 0.1
 """Half-bandwidth of the least damped mode above which a record distinguishes it from a line
 [bins]."""
-
-MULTIPLE_BINS = 1.5
-"""Distance from a multiple of a machine speed, beyond the errors [bins]."""
 
 LINE = "harmonic"
 """Method name of a machine line in the results; its damping ratio is 0."""
@@ -71,19 +65,23 @@ def modes_and_machine_lines(
     tones = tuple(line.frequency_hz for line in everywhere)
     cleaned = remove_lines(columns, rate_hz, tones) if tones else columns
     duration = len(columns) / rate_hz
+    machines = MachineLines(tones, families, duration)
     modes: list[Identified] = []
     lines = [_line(v, duration) for v in everywhere if low <= v.frequency_hz.value <= high]
     for mode in all_modes(cleaned, rate_hz, band_hz=band_hz, method=method):
         if everywhere and is_undamped(mode, duration):
             continue
-        if _is_multiple(mode, families, duration):
+        verdict = machines.judge(mode.frequency_hz, mode.damping_ratio)
+        if verdict == "harmonic":
             lines.append(
                 dataclasses.replace(
                     mode, damping_ratio=Measured(0.0, 0.0), correlation=0.0, method=LINE
                 )
             )
+        elif verdict == "doubtful":
+            modes.append(dataclasses.replace(mode, flags=(*mode.flags, FLAG)))
         else:
-            modes.append(_doubted(mode, everywhere, duration))
+            modes.append(mode)
     lines.sort(key=lambda line: line.frequency_hz.value)
     return ModesAndLines(tuple(modes), tuple(lines), families)
 
@@ -99,22 +97,6 @@ def _line(verdict: PeakClass, duration_s: float) -> Identified:
         method=LINE,
         span_s=(0.0, duration_s),
     )
-
-
-def _is_multiple(
-    mode: Identified, families: tuple[HarmonicFamily, ...], duration_s: float
-) -> bool:
-    """Whether a mode sits on a multiple of a machine's speed, and may be undamped."""
-    frequency, damping = mode.frequency_hz, mode.damping_ratio
-    if damping.value - 2 * damping.sd > LEAST_DAMPING:
-        return False
-    for family in families:
-        order = max(1, round(frequency.value / family.base_hz.value))
-        off = abs(frequency.value - order * family.base_hz.value)
-        doubt = 2 * float(np.hypot(frequency.sd, order * family.base_hz.sd))
-        if off < MULTIPLE_BINS / duration_s + doubt:
-            return True
-    return False
 
 
 def is_undamped(mode: Identified, duration_s: float) -> bool:
@@ -139,12 +121,3 @@ def is_undamped(mode: Identified, duration_s: float) -> bool:
 def _struck(columns: Float[np.ndarray, "time channel"]) -> bool:
     power = np.sum((columns - columns.mean(axis=0)) ** 2, axis=1)
     return bool(power[: len(power) // 2].sum() > FRONT_SHARE * power.sum())
-
-
-def _doubted(mode: Identified, lines: tuple[PeakClass, ...], duration_s: float) -> Identified:
-    """Flag a mode that the rest of a line may be."""
-    frequency = mode.frequency_hz
-    width = mode.damping_ratio.value * frequency.value + BESIDE_BINS / duration_s
-    if all(abs(line.frequency_hz.value - frequency.value) > width for line in lines):
-        return mode
-    return dataclasses.replace(mode, flags=(*mode.flags, "beside_a_line"))

@@ -15,6 +15,7 @@ from slowtime.identification.automatic.estimation import (
     identify_modes,
 )
 from slowtime.identification.estimates import Measured
+from slowtime.identification.harmonics.beside_lines import MachineLines
 from slowtime.identification.harmonics.narrowband import fourier_spectra
 from slowtime.identification.mode_shapes.criteria import mac
 
@@ -100,8 +101,10 @@ def test_what_is_too_steady_for_a_structure_is_called_a_harmonic(result):
         dataclasses.replace(result.structural[0], frequency_hz=Measured(at, 1e-3))
         for at in (1.0, 1.9)
     )
-    assert [one.kind for one in _judged([mode, steady], spectra)] == ["structural", "harmonic"]
-    assert _judged([], spectra) == []
+    quiet = MachineLines((), (), len(motion) / RATE)
+    kinds = [one.kind for one in _judged([mode, steady], spectra, quiet)]
+    assert kinds == ["structural", "harmonic"]
+    assert _judged([], spectra, quiet) == []
 
 
 @pytest.mark.parametrize(("at", "sd"), [(1.9, 0.0), (1.9, 0.013), (0.004, 0.02), (3.99, 0.02)])
