@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 from jaxtyping import Complex, Float
@@ -11,17 +11,15 @@ from jaxtyping import Complex, Float
 from slowtime.identification.automatic.modal_result import ModalResult
 from slowtime.identification.estimates import Measured
 from slowtime.identification.mode_shapes.criteria import mac_matrix
-from slowtime.identification.selection import Selection
-from slowtime.identification.single_mode.excitation import excitation
+from slowtime.identification.options import IdentifyOptions, Selection
 from slowtime.identification.single_mode.machine_lines import LINE
 from slowtime_schemas.files.modes import ModesFile
 from slowtime_services.files import accelerations, mixed_units
-from slowtime_services.modal import read_geometry, read_selection, selection_text, write_modes
+from slowtime_services.modal import read_geometry, selection_text, write_modes
 from slowtime_services.modal.entries import mode_entry
-from slowtime_services.modal.identification import Method, identify_part, stretches
-from slowtime_services.modal.losses import Gaps, completed, widened
+from slowtime_services.modal.identification import RecordModes, identify_record
 
-from .arguments import pair
+from .declared import takes
 from .optional import optional
 from .plotting import Figure, new_figure, save
 from .signals import Signals, checked_signals
@@ -327,36 +325,14 @@ class Modes(Sequence[EstimatedMode]):
         return f"Modes: {len(self)} identified\n{self.table()}"
 
 
-def identify(
-    signals: Signals,
-    *,
-    band_hz: tuple[float, float] | None = None,
-    method: Method = "auto",
-    gaps: Gaps = "use",
-    select: str | Path | Selection | None = None,
-) -> Modes:
+@takes(IdentifyOptions)
+def identify(signals: Signals, options: IdentifyOptions) -> Modes:
     """Find natural frequencies, damping ratios and mode shapes, with standard deviations.
 
     Parameters
     ----------
     signals
         Vibration, under a steady random excitation or in free decay.
-    band_hz
-        Band of the modes that are reported [Hz]; where not given, all that the record can show.
-        Modes beside it are modelled too, so that its edges change nothing.
-    method
-        ``"auto"`` chooses by the record. ``"modes"``: all modes of all channels, with shapes
-        (covariance-driven subspace identification). ``"bayes"``: these by the fast Bayesian
-        FFT method. ``"efdd"``, ``"fdd"``: frequency domain decomposition, with and without
-        damping. ``"ambient"``, ``"free_decay"``, ``"peak"``: mode by mode.
-    gaps
-        Missing samples. ``"use"``: all samples that are there count, and errors grow by the
-        loss. ``"fill"``: short gaps are filled, longer ones cut the record. ``"split"``: every
-        gap cuts it. The longest part of a record that is cut is used.
-    select
-        A person's edits of the automatic choice of modes: a file as `Modes.to_selection` writes
-        it, or a `Selection`; None for none. It needs method ``"modes"`` (which ``"auto"``
-        becomes) or ``"bayes"``.
 
     Returns
     -------
@@ -372,22 +348,6 @@ def identify(
         If `signals` are no `Signals`, or the band is no pair of numbers.
     """
     signals = checked_signals(signals, "identify")
-    if method not in get_args(Method):
-        allowed = ", ".join(get_args(Method))
-        raise ValueError(f"method={method!r} was given. Allowed: {allowed}.")
-    if gaps not in get_args(Gaps):
-        allowed = ", ".join(get_args(Gaps))
-        raise ValueError(f"gaps={gaps!r} was given. Allowed: {allowed}.")
-    if band_hz is not None:
-        band_hz = pair(band_hz, "band_hz", "lowest and highest frequency [Hz]")
-    selection = read_selection(Path(select)) if isinstance(select, str | Path) else select
-    if selection is not None and method == "auto":
-        method = "modes"
-    if selection is not None and method not in ("modes", "bayes"):
-        raise ValueError(
-            f"select= chooses among poles, which method={method!r} has none of. Give "
-            "method='modes' or 'bayes'."
-        )
     record = signals.record
     chosen = accelerations(record.channels, record.units)
     notes = list(signals.notes)
@@ -395,20 +355,12 @@ def identify(
         left_out = [name for name in record.channels if name not in chosen]
         notes.append(f"Left out, as they are no accelerations: {', '.join(left_out)}.")
         signals = signals[list(chosen)]
-    whole_record = completed(signals.record, gaps)
-    record, said = whole_record.record, whole_record.note
-    notes += [said] if said else []
-    samples = np.asarray(record.samples, dtype=float)
-    first, last, _ = max(stretches(record), key=lambda one: one[1] - one[0])
-    if last - first < len(samples):
-        used_s = (last - first) / record.rate_hz
-        notes.append(f"Only the longest part without a gap was used: {used_s:.4g} s.")
-    part = samples[first:last]
-    force = excitation(part, record.rate_hz)
-    single, whole = identify_part(part, record.rate_hz, band_hz, method, force, selection)
-    inflation = whole_record.inflation(0, len(part))
-    single, whole = widened(single, whole, inflation, whole_record.flags)
-    if force.flags:
+    found = identify_record(signals.record, options)
+    notes += [found.note] if found.note else []
+    record, whole = found.record, found.whole
+    if len(found.part) < len(record.samples):
+        notes.append(f"Only the longest part without a gap was used: {found.duration_s:.4g} s.")
+    if found.force.flags:
         notes.append(
             "The excitation was not a steady random one, so the assumptions of ambient "
             "identification do not hold."
@@ -416,12 +368,13 @@ def identify(
     if mixed_units(record.channels, record.units) and whole is not None:
         notes.append("Channels have several units: there are no mode shapes.")
     notes += whole.notes if whole is not None else ()
-    modes = _single(single) if whole is None else _of_all_channels(whole, method, record, part)
-    found = Modes(
-        sorted(modes, key=lambda mode: mode.frequency_hz.value), signals, notes, whole
+    single = _single(found.single)
+    estimates = single if whole is None else _of_all_channels(whole, found)
+    modes = Modes(
+        sorted(estimates, key=lambda mode: mode.frequency_hz.value), signals, notes, whole
     )
-    found.selection = selection
-    return found
+    modes.selection = found.selection
+    return modes
 
 
 def _single(found: Any) -> list[EstimatedMode]:
@@ -437,20 +390,19 @@ def _single(found: Any) -> list[EstimatedMode]:
     ]  # fmt: skip
 
 
-def _of_all_channels(
-    found: ModalResult, method: str, record: Any, part: np.ndarray[Any, Any]
-) -> list[EstimatedMode]:
+def _of_all_channels(whole: ModalResult, found: RecordModes) -> list[EstimatedMode]:
     """Convert modes that were identified from all channels together."""
+    record = found.record
     mixed = bool(mixed_units(record.channels, record.units)) and len(record.channels) > 1
     return [
         EstimatedMode(
             frequency_hz=mode.frequency_hz, damping_ratio=mode.damping_ratio,
             shape=None if mixed else mode.shape, shape_sd=None if mixed else mode.shape_sd,
-            kind=mode.kind, method="modes" if method == "auto" else method, flags=mode.flags,
-            correlation=mode.correlation, span_s=(0.0, len(part) / record.rate_hz),
+            kind=mode.kind, method=found.method, flags=mode.flags,
+            correlation=mode.correlation, span_s=(0.0, found.duration_s),
             quality=mode.quality,
         )
-        for mode in found.modes
+        for mode in whole.modes
     ]  # fmt: skip
 
 

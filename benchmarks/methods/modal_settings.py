@@ -23,7 +23,7 @@ import time
 import zlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import scipy.linalg
@@ -36,13 +36,12 @@ from slowtime.dynamics.damping import modal_damping
 from slowtime.dynamics.description import assemble
 from slowtime.dynamics.modes import undamped_modes
 from slowtime.dynamics.simulation import ambient_structure
+from slowtime.identification.options import IdentifyOptions, Method
 from slowtime.identification.single_mode.bounds import ambient_law
-from slowtime.identification.single_mode.excitation import excitation
 from slowtime_services.files import Record
 from slowtime_services.files.times.even_samples import chosen_axis, sampled_evenly
 from slowtime_services.files.times.time_axis import read_time
-from slowtime_services.modal.identification import identify_part
-from slowtime_services.modal.losses import completed, widened
+from slowtime_services.modal.identification import identify_record
 
 RATE_HZ = 16.0
 DAMPING = 0.01
@@ -204,12 +203,9 @@ def _lost(count: int, share: float, rng: np.random.Generator) -> np.ndarray:
 
 def found(given: Record, cell: Cell, method: str) -> list[list[float]]:
     """Frequency, damping, and their standard deviations, of each mode, by `identify`."""
-    whole = completed(given, "use")
-    samples = np.asarray(whole.record.samples)
-    force = excitation(samples, given.rate_hz)
-    told, result = identify_part(samples, given.rate_hz, BANDS[cell.band], method, force)
-    told, result = widened(told, result, whole.inflation(0, len(samples)), whole.flags)
-    modes = told.modes if result is None else result.structural
+    options = IdentifyOptions(band_hz=BANDS[cell.band], method=cast(Method, method))
+    told = identify_record(given, options)
+    modes = told.single.modes if told.whole is None else told.whole.structural
     return [
         [m.frequency_hz.value, m.frequency_hz.sd, m.damping_ratio.value, m.damping_ratio.sd]
         for m in modes

@@ -4,7 +4,7 @@ import dataclasses
 import math
 
 from edge_agent.settings import ExtractSettings
-from slowtime.identification.single_mode.estimation import Method as FirstMethod
+from slowtime.identification.options import OneByOne
 from slowtime.identification.single_mode.sliding_windows import Tracker
 from slowtime_schemas.messages import Mode
 
@@ -26,7 +26,7 @@ class SingleModeReader:
     """Read the lowest clear mode, from all channels together."""
 
     settings: ExtractSettings
-    method: FirstMethod
+    method: OneByOne
 
     def step(self, memory: Memory, window: Window) -> tuple[Memory, ModeReading]:
         """Read a window; one without a clear mode leaves the memory as it is."""

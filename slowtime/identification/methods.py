@@ -1,7 +1,6 @@
 """Choice of the multichannel identification method by name."""
 
 import dataclasses
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -17,10 +16,8 @@ from .harmonics.beside_lines import MachineLines
 from .harmonics.detection import PeakClass, find_harmonics
 from .harmonics.periodic_force import FLAG, mean_period, without_periodic_force
 from .modes import Mode
-from .selection import Selection
+from .options import AllChannels, Selection
 from .subspace.stabilisation import Stabilisation
-
-Method = Literal["modes", "bayes", "fdd", "efdd"]
 
 CONTRADICTION = 3.0
 """Distance of a Bayesian mode from its candidate, and its error, above which the candidate is
@@ -32,7 +29,7 @@ def by_method(
     samples: Float[np.ndarray, "time channel"] | Float[np.ndarray, " time"],
     rate_hz: float,
     *,
-    method: Method,
+    method: AllChannels,
     band_hz: tuple[float, float] | None = None,
     selection: Selection | None = None,
 ) -> ModalResult:
@@ -76,7 +73,10 @@ def by_method(
 
 
 def _decomposed(
-    samples: np.ndarray, rate_hz: float, method: Method, band_hz: tuple[float, float] | None
+    samples: np.ndarray,
+    rate_hz: float,
+    method: AllChannels,
+    band_hz: tuple[float, float] | None,
 ) -> ModalResult:
     """Modes and lines by frequency domain decomposition; of a periodic force, of its mean."""
     usual = checks.band(None, rate_hz, len(samples))

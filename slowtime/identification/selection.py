@@ -2,15 +2,13 @@
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Literal
 
 import numpy as np
 
 from .mode_shapes.criteria import mac_matrix
+from .options import Edit, Selection
 from .subspace.poles import Poles
 from .subspace.stabilisation import ALIKE, StablePole
-
-Action = Literal["keep", "drop", "merge", "split"]
 
 REACH = 0.01
 """Largest relative distance of a frequency that a person gives from the pole that is meant [1]:
@@ -22,61 +20,6 @@ a person reads off it; of these, the pole that most orders have is meant."""
 
 KEPT, MERGED, SPLIT = "kept_by_hand", "merged_by_hand", "split_by_hand"
 """Flags of modes that are not the automatic choice."""
-
-
-@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
-class Edit:
-    """One edit of the automatic choice.
-
-    Parameters
-    ----------
-    action
-        ``keep`` a pole of the diagram; ``drop`` a mode; ``merge`` modes into one; ``split`` a
-        mode into several.
-    at_hz
-        Natural frequencies of the poles or modes meant [Hz].
-    into_hz
-        Of the parts of a mode that is split [Hz].
-    order
-        Model order of the poles that are kept or split into; None for that of the longest line
-        of poles in the diagram.
-    """
-
-    action: Action
-    at_hz: tuple[float, ...]
-    into_hz: tuple[float, ...] = ()
-    order: int | None = None
-
-    def __str__(self) -> str:
-        text = f"{self.action} {_listed(self.at_hz)}"
-        text += f" into {_listed(self.into_hz)}" if self.into_hz else ""
-        return text + (f" (order {self.order})" if self.order is not None else "")
-
-
-@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
-class Selection:
-    """Edits of the automatic choice.
-
-    Parameters
-    ----------
-    edits
-        In any order.
-    automatic
-        Whether modes of the automatic choice that no edit names are reported. They are part of
-        the model either way, as neighbours.
-    """
-
-    edits: tuple[Edit, ...] = ()
-    automatic: bool = True
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What the result says of the choice; nothing where it is the automatic one."""
-        if self.automatic and not self.edits:
-            return ()
-        base = "the automatic choice" if self.automatic else "no mode"
-        edits = "; ".join(map(str, self.edits)) or "none"
-        return (f"Modes chosen by hand, from {base}: {edits}.",)
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -148,10 +91,6 @@ def plan_edits(
     return SelectionPlan(
         hidden=frozenset(hidden), replaced=frozenset(replaced), added=tuple(added)
     )
-
-
-def _listed(values: Sequence[float]) -> str:
-    return " and ".join(f"{hz:.5g}" for hz in values) + " Hz"
 
 
 def _mode_at(hz: float, automatic: Sequence[StablePole], edit: Edit) -> int | None:

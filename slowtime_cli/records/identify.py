@@ -3,17 +3,16 @@
 import dataclasses
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import click
 import numpy as np
 
 from slowtime.identification import checks
-from slowtime.identification.automatic.modal_result import ModalResult
 from slowtime.identification.estimates import Identified
 from slowtime.identification.free_decay.along_decay import DEPENDS, along_decay_note
 from slowtime.identification.modes import Mode
-from slowtime.identification.single_mode.excitation import Excitation, excitation
+from slowtime.identification.options import IdentifyOptions, OneByOne
 from slowtime.identification.single_mode.machine_lines import (
     LINE,
     ModesAndLines,
@@ -28,10 +27,16 @@ from slowtime_cli.shared.record_input import with_record
 from slowtime_cli.shared.terminal import counting, note, plural, show
 from slowtime_services.files import MARK, Record, accelerations, mixed_units
 from slowtime_services.matrices import read_any_description
-from slowtime_services.modal import UNIVERSAL, read_geometry, read_selection
+from slowtime_services.modal import UNIVERSAL, read_geometry
 from slowtime_services.modal.entries import mode_entry
-from slowtime_services.modal.identification import identify_part, is_decay, stretches
-from slowtime_services.modal.losses import Completed, Gaps, completed, widened, wider
+from slowtime_services.modal.geometry import Geometry
+from slowtime_services.modal.identification import (
+    RecordModes,
+    identify_record,
+    is_decay,
+    stretches,
+)
+from slowtime_services.modal.losses import Completed, completed, wider
 
 from . import mode_tables
 from .modes_file import write_modes_file
@@ -62,22 +67,18 @@ def identify(
     second: Record | None,
     start_sd_ms: float,
     rate_sd_ppm: float,
-    band_hz: tuple[float, float] | None,
+    options: IdentifyOptions,
     window_s: float | None,
     hop_s: float | None,
-    gaps: Gaps,
-    method: Any,
     model: Path | None,
-    select: Path | None,
     report: Path | None,
     out: Path | None,
     geometry: Path | None,
 ) -> None:
     """Find natural frequencies and damping in a record, with errors."""
     universal = out is not None and out.suffix.lower() in UNIVERSAL
-    selection = None if select is None else read_selection(select)
-    if (model or report or universal or selection) and method == "auto":
-        method = "modes"
+    if (model or report or universal) and options.method == "auto":
+        options = dataclasses.replace(options, method="modes")
     known = read_geometry(geometry) if geometry else None
     record = _accelerations_of(record)
     if second is not None:
@@ -85,101 +86,132 @@ def identify(
         from .alignment import ClockErrors, aligned_record
 
         clocks = ClockErrors(start_sd_ms, rate_sd_ppm)
-        record = aligned_record(record, second, clocks, band_hz)
+        record = aligned_record(record, second, clocks, options.band_hz)
     mixed = mixed_units(record.channels, record.units)
     models = reference_modes(model, record.channels, mixed)
-    duration_s, rows = record.duration_s, len(record.samples)
-    whole_record = completed(record, gaps)
-    record, said = whole_record.record, whole_record.note
-    if said:
-        note(said)
-    samples = np.asarray(record.samples, dtype=float)
-    _say_constant(record, samples)
+    _say_constant(record)
+    silent = out is not None and str(out) == "-"
     result: dict[str, Any] = {
         "slowtime_modes": 1,
         "record": path.name,
         "rate_hz": record.rate_hz,
         "channels": list(record.channels),
-        "duration_s": duration_s,
-        "assumptions": [*record.assumptions, *record.notes, *([said] if said else [])],
+        "duration_s": record.duration_s,
+        "assumptions": [*record.assumptions, *record.notes],
     }
-    silent = out is not None and str(out) == "-"
     if window_s is None:
-        part = _longest(record, samples)
         with counting("Identifying"):
-            force = excitation(part, record.rate_hz)
-            told, whole = identify_part(part, record.rate_hz, band_hz, method, force, selection)
-            inflation = whole_record.inflation(0, len(part))
-            told, whole = widened(told, whole, inflation, whole_record.flags)
-        span_s = len(part) / record.rate_hz
-        _say_force(force, span_s, told, whole)
-        _say_lines(told)
-        for mode in told.modes:
-            if DEPENDS in mode.flags and (said := along_decay_note(mode, part, record.rate_hz)):
-                note(said)
-        if not force.flags:
-            found = bool(told.modes or (whole and whole.modes))
-            _say_slow(part, record.rate_hz, band_hz, found=found)
-        if whole is None:
-            modes = sorted([*told.modes, *told.lines], key=lambda m: m.frequency_hz.value)
-            result["modes"] = [_as_json(mode) for mode in modes]
-            if not silent:
-                _show_modes(modes, path.name)
-        else:
-            method = "modes" if method == "auto" else method
-            if mixed and len(record.channels) > 1:
-                note_mixed_units(mixed)
-            for text in whole.notes:
-                note(text)
-            result["assumptions"] += whole.notes
-            result["modes"] = _whole_modes(whole, models, mixed, span_s, method)
-            if not silent:
-                mode_tables.show_modes(whole, models, path.name, method=method)
-            if report is not None:
-                spatial = (
-                    []
-                    if mixed
-                    else spatial_section(
-                        whole, record.channels, models, model=model, geometry=known
-                    )
-                )
-                mode_tables.write_report(
-                    report,
-                    path.name,
-                    record.channels,
-                    whole,
-                    models,
-                    shapes=not mixed,
-                    extra=spatial,
-                    selection=selection,
-                    about={
-                        "rate_hz": record.rate_hz,
-                        "duration_s": duration_s,
-                        "sketch": sketch_of_places(known, record.channels),
-                    },
-                )
+            found = identify_record(record, options)
+        _say(found, options.band_hz)
+        told = _told_one_by_one if found.whole is None else _told_together
+        references = _References(models, model, mixed, known)
+        result["modes"] = told(found, references, None if silent else path.name)
+        completed_record, texts = found.record, [found.note]
+        texts += found.whole.notes if found.whole is not None else ()
+        if report is not None and found.whole is not None:
+            _write_report(report, path.name, record.duration_s, found, references)
     else:
-        epochs = _windows(record, samples, window_s, hop_s, band_hz, method)
-        epochs = [_informed(epoch, whole_record) for epoch in epochs]
+        given = completed(record, options.gaps)
+        texts, completed_record = [given.note], given.record
+        if given.note:
+            note(given.note)
+        epochs = _windows(given, window_s, hop_s, options)
         result |= {"window_s": window_s, "epochs": [_epoch_json(epoch) for epoch in epochs]}
         if not silent:
             _show_epochs(epochs, path.name)
+    result["assumptions"] += [text for text in texts if text]
     if out is not None:
-        _mark(result, len(record.samples) > rows)
+        _mark(result, len(completed_record.samples) > len(record.samples))
         write_modes_file(out, result, known, record.units[0])
 
 
-def _whole_modes(
-    whole: ModalResult,
-    models: Sequence[mode_tables.ModelMode],
-    mixed: str,
-    span_s: float,
-    method: str,
+@dataclasses.dataclass(frozen=True, slots=True)
+class _References:
+    """What measured modes are compared with and drawn on."""
+
+    models: Sequence[mode_tables.ModelMode]
+    model: Path | None
+    mixed: str
+    geometry: Geometry | None
+
+
+def _say(found: RecordModes, band_hz: tuple[float, float] | None) -> None:
+    """Report what was done about missing samples, on the force, lines, laws and silence."""
+    if found.note:
+        note(found.note)
+    if found.record.gaps:
+        note(
+            f"only the longest part without a gap is used, {found.duration_s:.3f} s. "
+            "--gaps use takes all samples."
+        )
+    _say_force(found)
+    _say_lines(found.single)
+    for mode in found.single.modes:
+        text = DEPENDS in mode.flags and along_decay_note(
+            mode, found.part, found.record.rate_hz
+        )
+        if text:
+            note(text)
+    if not found.force.flags:
+        _say_slow(found, band_hz)
+
+
+def _told_one_by_one(
+    found: RecordModes, _: _References, name: str | None
 ) -> list[dict[str, Any]]:
+    """Give modes of single channels for a file, and show them unless there is no name."""
+    single = found.single
+    modes = sorted([*single.modes, *single.lines], key=lambda mode: mode.frequency_hz.value)
+    if name is not None:
+        _show_modes(modes, name)
+    return [_as_json(mode) for mode in modes]
+
+
+def _told_together(
+    found: RecordModes, references: _References, name: str | None
+) -> list[dict[str, Any]]:
+    """Give modes of all channels likewise."""
+    whole, models, mixed = found.whole, references.models, references.mixed
+    assert whole is not None
+    if mixed and len(found.record.channels) > 1:
+        note_mixed_units(mixed)
+    for text in whole.notes:
+        note(text)
+    if name is not None:
+        mode_tables.show_modes(whole, models, name, method=found.method)
+    span_s = 0.0, found.duration_s
     return [
-        without_shape(mode_tables.as_json(mode, models, (0.0, span_s), method=method), mixed)
+        without_shape(mode_tables.as_json(mode, models, span_s, method=found.method), mixed)
         for mode in whole.modes
     ]
+
+
+def _write_report(
+    report: Path, name: str, duration_s: float, found: RecordModes, references: _References
+) -> None:
+    whole, models, known = found.whole, references.models, references.geometry
+    assert whole is not None
+    channels = found.record.channels
+    spatial = (
+        []
+        if references.mixed
+        else spatial_section(whole, channels, models, model=references.model, geometry=known)
+    )
+    mode_tables.write_report(
+        report,
+        name,
+        channels,
+        whole,
+        models,
+        shapes=not references.mixed,
+        extra=spatial,
+        selection=found.selection,
+        about={
+            "rate_hz": found.record.rate_hz,
+            "duration_s": duration_s,
+            "sketch": sketch_of_places(known, channels),
+        },
+    )
 
 
 def reference_modes(
@@ -211,23 +243,22 @@ def without_shape(body: dict[str, Any], mixed: str) -> dict[str, Any]:
     return {**body, "shape": None, "flags": [*body["flags"], MIXED]}
 
 
-def _say_force(
-    force: Excitation, duration_s: float, told: ModesAndLines, whole: ModalResult | None
-) -> None:
+def _say_force(found: RecordModes) -> None:
     """Report that the force violates the assumptions of ambient identification."""
-    if not force.flags or (told.modes and all(is_decay(mode) for mode in told.modes)):
+    force, modes = found.force, found.single.modes
+    if not force.flags or (modes and all(is_decay(mode) for mode in modes)):
         return
     why = []
     if force.event_s is not None:
         why.append(
-            f"90 % of its energy came within {force.event_s:.3g} of {duration_s:.4g} s, as in "
-            "an earthquake"
+            f"90 % of its energy came within {force.event_s:.3g} of {found.duration_s:.4g} s, "
+            "as in an earthquake"
         )
     elif force.onset:
         why.append("it sets in after the record begins, as an earthquake does")
     if force.period_s is not None:
         why.append(f"it repeats itself after {force.period_s:.4g} s, as a multisine does")
-    if told.modes or whole is not None:
+    if modes or found.whole is not None:
         doing = "The standard deviations of the modes found are not reliable."
     else:
         doing = (
@@ -275,10 +306,9 @@ def _accelerations_of(record: Record) -> Record:
     )
 
 
-def _say_slow(
-    part: np.ndarray, rate_hz: float, band_hz: tuple[float, float] | None, *, found: bool
-) -> None:
+def _say_slow(found: RecordModes, band_hz: tuple[float, float] | None) -> None:
     """Say that there is no mode, and of a slow record that most lies below the search band."""
+    part, rate_hz = found.part, found.record.rate_hz
     low_hz = checks.band(None, rate_hz, len(part))[0]
     share = checks.share_below(part, rate_hz, low_hz)
     if band_hz is None and share > MOSTLY:
@@ -287,18 +317,15 @@ def _say_slow(
             "the record, below which no mode is looked for: it is drift or a slower mode. For "
             "that, give a longer record, or a lower band with --band-hz."
         )
-    elif not found:
+    elif not (found.single.modes or (found.whole and found.whole.modes)):
         note(
             "no mode stands out from the noise. Give a longer record, or a band with --band-hz."
         )
 
 
-def _say_constant(record: Record, samples: Samples) -> None:
-    dead = [
-        name
-        for name, constant in zip(record.channels, np.ptp(samples, axis=0) == 0, strict=True)
-        if constant
-    ]
+def _say_constant(record: Record) -> None:
+    constant = np.ptp(np.asarray(record.samples, dtype=float), axis=0) == 0
+    dead = [name for name, same in zip(record.channels, constant, strict=True) if same]
     if dead and len(dead) < len(record.channels):
         note(
             f"{', '.join(dead)} never changes, so it carries no information. Check the sensor."
@@ -321,24 +348,11 @@ def _informed(epoch: Epoch, whole: Completed) -> Epoch:
     )
 
 
-def _longest(record: Record, samples: Samples) -> Samples:
-    first, last, _ = max(stretches(record), key=lambda part: part[1] - part[0])
-    if record.gaps:
-        note(
-            "only the longest part without a gap is used, "
-            f"{(last - first) / record.rate_hz:.3f} s. --gaps use takes all samples."
-        )
-    return samples[first:last]
-
-
 def _windows(
-    record: Record,
-    samples: Samples,
-    window_s: float,
-    hop_s: float | None,
-    band_hz: tuple[float, float] | None,
-    method: Any,
+    given: Completed, window_s: float, hop_s: float | None, options: IdentifyOptions
 ) -> list[Epoch]:
+    record = given.record
+    samples = np.asarray(record.samples, dtype=float)
     shortest = round(window_s * record.rate_hz)
     parts = [part for part in stretches(record) if part[1] - part[0] >= shortest]
     if not parts:
@@ -358,12 +372,12 @@ def _windows(
                 record.rate_hz,
                 window_s=window_s,
                 hop_s=hop_s,
-                band_hz=band_hz,
-                method=method,
+                band_hz=options.band_hz,
+                method=cast(OneByOne, options.method),
             ):
                 span = epoch.start_s + offset, epoch.end_s + offset
                 epochs.append(Epoch(*span, epoch.modes, epoch.refused))
-    return _marked(epochs)
+    return [_informed(epoch, given) for epoch in _marked(epochs)]
 
 
 def _marked(epochs: list[Epoch]) -> list[Epoch]:

@@ -10,7 +10,7 @@ from slowtime.identification.frequency_response.response import Kind
 from slowtime.identification.modal_fit.assembly import ModalTest
 from slowtime.identification.modal_fit.by_hand import edited_test
 from slowtime.identification.modal_fit.identification import identify_responses
-from slowtime.identification.selection import Selection
+from slowtime.identification.options import Selection
 from slowtime_cli.shared.terminal import counting, note
 from slowtime_services.files import mixed_units
 from slowtime_services.frequency_responses import MeasuredResponses, read_responses

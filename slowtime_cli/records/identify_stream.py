@@ -12,9 +12,11 @@ import numpy as np
 from slowtime.identification.automatic.modal_result import ModalResult, join_stabilisation
 from slowtime.identification.estimates import Measured
 from slowtime.identification.modes import Mode
+from slowtime.identification.options import IdentifyOptions
 from slowtime.identification.recursive import RecursiveModes
 from slowtime.signals.block import Block, RateCorrection
 from slowtime.signals.clock.joint_correction import joint_correction
+from slowtime_cli.shared.declared import gathered
 from slowtime_cli.shared.options import names
 from slowtime_cli.shared.record_input import ReadingFlags, note_reading, overridden_by_flags
 from slowtime_cli.shared.terminal import counting, note, plural
@@ -85,7 +87,8 @@ def identify(record_path: Path, stream: bool | None, **flags: Any) -> None:
     if stream is None:
         stream = _is_long(record_path, flags)
     if not stream:
-        identifying.identify(record_path=record_path, **flags)
+        options = gathered(IdentifyOptions, flags)
+        identifying.identify(record_path=record_path, options=options, **flags)
         return
     said = {field.name: flags.pop(field.name) for field in dataclasses.fields(ReadingFlags)}
     for name in ("channels", "columns", "keep"):

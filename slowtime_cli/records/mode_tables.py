@@ -14,7 +14,7 @@ from slowtime.identification.automatic.estimation import MOST_DAMPING
 from slowtime.identification.automatic.modal_result import ModalResult
 from slowtime.identification.mode_shapes.criteria import mac, mpc
 from slowtime.identification.modes import Mode
-from slowtime.identification.selection import Selection
+from slowtime.identification.options import Selection
 from slowtime.identification.subspace.stabilisation import Stabilisation
 from slowtime_cli.shared.report_flags import report_language
 from slowtime_cli.shared.terminal import show

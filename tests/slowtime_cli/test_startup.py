@@ -25,8 +25,11 @@ from slowtime_services.credentials import ROLES
 from slowtime_services.diagnose import run
 from twin_server.identity.principals import Scope
 
-LIGHT = {"click", "slowtime_cli", "slowtime_schemas", "slowtime_services"}
-"""Packages, of all that are installed, without which no argument can be read."""
+LIGHT = {
+    "click", "slowtime", "slowtime_api", "slowtime_cli", "slowtime_schemas", "slowtime_services"
+}  # fmt: skip
+"""Packages, of all that are installed, without which no argument can be read: slowtime's own,
+as long as they import no arrays."""
 COMPUTING = {
     "fastapi", "h5py", "mcap", "numba", "plotly", "scipy", "slowtime", "uvicorn", "zenoh"
 }  # fmt: skip

@@ -2,20 +2,20 @@
 
 import dataclasses
 from collections.abc import Iterable
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from slowtime.identification.automatic.modal_result import ModalResult
 from slowtime.identification.estimates import Identified, Measured
 from slowtime.identification.modes import Mode
+from slowtime.identification.options import Gaps
 from slowtime.identification.single_mode.excitation import energetic_share
 from slowtime.identification.single_mode.machine_lines import ModesAndLines
 from slowtime.signals.imputation import LEAST_SHARE, impute
 from slowtime_services.files import Gap, Record, bridged
 
 F = TypeVar("F", Identified, Mode)
-Gaps = Literal["use", "fill", "split"]
 
 STEADY_SHARE = 0.5
 """Share of the time with 90 % of the energy [1] from which a record counts as steady, so that
@@ -181,7 +181,7 @@ def widened(
     Parameters
     ----------
     told, whole
-        As `identify_part` gives them.
+        As `identify_record` gives them.
     factor
         Of all standard deviations [1].
     flags

@@ -4,7 +4,7 @@ import pathlib
 from collections.abc import Sequence
 
 from slowtime.identification.modes import Mode
-from slowtime.identification.selection import Action, Edit, Selection
+from slowtime.identification.options import Action, Edit, Selection
 from slowtime_schemas.files.selection import SelectionEdit, SelectionFile
 
 ENDING = ".selection.yaml"

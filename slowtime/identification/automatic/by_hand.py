@@ -6,7 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from slowtime.identification.mode_shapes.criteria import mac
-from slowtime.identification.selection import Selection, plan_edits
+from slowtime.identification.options import Selection
+from slowtime.identification.selection import plan_edits
 from slowtime.identification.spectral_likelihood.mode_selection import (
     SELECTING,
     FittedMode,

@@ -26,7 +26,7 @@ from slowtime.identification.harmonics.periodic_force import FLAG, without_perio
 from slowtime.identification.harmonics.tones import remove_lines
 from slowtime.identification.mode_shapes.criteria import normalised
 from slowtime.identification.modes import Mode
-from slowtime.identification.selection import Selection
+from slowtime.identification.options import Selection
 from slowtime.identification.spectral_likelihood.mode_selection import (
     FittedMode,
     InitialMode,

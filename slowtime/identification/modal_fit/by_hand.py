@@ -4,7 +4,8 @@ import dataclasses
 
 import numpy as np
 
-from slowtime.identification.selection import Edit, Selection, plan_edits
+from slowtime.identification.options import Edit, Selection
+from slowtime.identification.selection import plan_edits
 
 from .assembly import ModalTest, assemble_test
 from .maximum_likelihood import PoleFit, fit_poles

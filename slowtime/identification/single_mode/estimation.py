@@ -25,12 +25,11 @@ from slowtime.identification.free_decay.estimation import (
 )
 from slowtime.identification.free_decay.segments import best_segment
 from slowtime.identification.harmonics.detection import LEAST_DAMPING, classify_peaks
+from slowtime.identification.options import OneByOne
 from slowtime.signals.spectra import detrended
 
 from .excitation import excitation
 from .spectral_peak import fit_peak
-
-Method = Literal["auto", "ambient", "free_decay", "peak"]
 
 EXPLAINED = 0.9
 """Least share of the power that decays explain in a free decay."""
@@ -64,7 +63,7 @@ def first_mode(
     rate_hz: float,
     *,
     band_hz: tuple[float, float] | None = None,
-    method: Method = "auto",
+    method: OneByOne = "auto",
     expected_hz: tuple[float, float] | None = None,
 ) -> Identified | None:
     """Lowest mode that stands out of the noise, however it was excited.
@@ -122,7 +121,7 @@ def all_modes(
     rate_hz: float,
     *,
     band_hz: tuple[float, float] | None = None,
-    method: Method = "auto",
+    method: OneByOne = "auto",
     most: int = 8,
 ) -> tuple[Identified, ...]:
     """All separate modes of a record, fitted as `first_mode` fits one.
@@ -166,7 +165,7 @@ def _is_reported(
     return checks.is_inside(frequency, band_hz)
 
 
-def _mode(record: LongRecord, candidate: PeakCandidate, method: Method) -> Identified:
+def _mode(record: LongRecord, candidate: PeakCandidate, method: OneByOne) -> Identified:
     """Mode behind a candidate, at the rate that it needs; flagged if a machine put it there."""
     slower, own = record.about(candidate)
     mode = identify_candidate(slower.samples, slower.rate_hz, own, method)
@@ -217,7 +216,7 @@ def identify_candidate(
     columns: Float[np.ndarray, "time channel"],
     rate_hz: float,
     candidate: PeakCandidate,
-    method: Method = "auto",
+    method: OneByOne = "auto",
 ) -> Identified:
     """Fit the mode of a candidate by the given method, or by the one that suits the record.
 

@@ -13,8 +13,9 @@ from slowtime.identification.harmonics.detection import LEAST_DAMPING, PeakClass
 from slowtime.identification.harmonics.families import HarmonicFamily
 from slowtime.identification.harmonics.periodic_force import without_periodic_force
 from slowtime.identification.harmonics.tones import remove_lines
+from slowtime.identification.options import OneByOne
 
-from .estimation import Method, all_modes
+from .estimation import all_modes
 
 DECIDABLE_BINS = 0.1
 """Half-bandwidth of the least damped mode above which a record distinguishes it from a line
@@ -38,7 +39,7 @@ def modes_and_machine_lines(
     rate_hz: float,
     *,
     band_hz: tuple[float, float] | None = None,
-    method: Method = "auto",
+    method: OneByOne = "auto",
 ) -> ModesAndLines:
     """Find separate modes after the removal of machine lines; see `all_modes`.
 

@@ -7,8 +7,9 @@ from jaxtyping import Float
 
 from slowtime.identification import checks
 from slowtime.identification.estimates import Identified
+from slowtime.identification.options import OneByOne
 
-from .estimation import Method, first_mode
+from .estimation import first_mode
 
 FOLLOW_SPREAD = 0.1
 """Relative standard deviation of a frequency between two windows [1]."""
@@ -52,7 +53,7 @@ class Tracker:
 
     rate_hz: float
     band_hz: tuple[float, float] | None = None
-    method: Method = "auto"
+    method: OneByOne = "auto"
     follow: bool = False
 
     def start(self) -> TrackerState:
@@ -100,7 +101,7 @@ def identify_windows(
     window_s: float,
     hop_s: float | None = None,
     band_hz: tuple[float, float] | None = None,
-    method: Method = "auto",
+    method: OneByOne = "auto",
     follow: bool = False,
 ) -> list[Epoch]:
     """Identify the first mode of every window of `window_s` seconds, one every `hop_s`.

@@ -4,13 +4,12 @@ from pathlib import Path
 
 import click
 
+from slowtime.identification.options import ALL_CHANNELS, WITH_POLES, IdentifyOptions
+from slowtime_cli.shared.declared import options_of
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING, record_flags
-from slowtime_cli.shared.options import POSITIVE, Names, OutFile, Real
+from slowtime_cli.shared.options import POSITIVE, Names, OutFile
 from slowtime_cli.shared.report_flags import language_flag
-
-ALL_CHANNELS = ("modes", "bayes", "efdd", "fdd")
-"""Methods that find the modes of all channels together, with shapes."""
 
 UNIVERSAL = (".uff", ".unv")
 """As `slowtime_services.modal.UNIVERSAL`, without reading modes yet."""
@@ -37,14 +36,7 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
 """,
 )
 @record_flags
-@click.option(
-    "--band-hz",
-    nargs=2,
-    type=Real(),
-    metavar="LO HI",
-    help="Frequency band of the modes that are reported. Modes beside it are modelled too, so "
-    "that its edges change nothing.  [default: from a few cycles to 0.45 of the rate]",
-)
+@options_of(IdentifyOptions)
 @click.option(
     "--window-s", type=POSITIVE, help="Identify window by window instead of the whole record."
 )
@@ -53,25 +45,6 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
     type=POSITIVE,
     help="From one window to the next; shorter than a window, they overlap and are marked.  "
     "[default: a whole window]",
-)
-@click.option(
-    "--gaps",
-    default="use",
-    show_default=True,
-    type=click.Choice(["use", "fill", "split"]),
-    help="Missing samples. use: all samples that are there count, and errors grow by the loss. "
-    "fill: gaps of up to 10 samples are filled, longer ones cut the record. split: every gap "
-    "cuts it. Without --window-s, the longest part of a record that is cut is used.",
-)
-@click.option(
-    "--method",
-    default="auto",
-    show_default=True,
-    type=click.Choice(["auto", *ALL_CHANNELS, "ambient", "free_decay", "peak"]),
-    help="Method; auto chooses by the kind of record. modes: every mode from all channels "
-    "together, with shapes; spectral lines of rotating machines are marked. bayes: these "
-    "modes by the "
-    "fast Bayesian FFT. efdd, fdd: frequency domain decomposition, with and without damping.",
 )
 @click.option(
     "--stream/--whole",
@@ -160,13 +133,6 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
     help="Model file (YAML or JSON, finite elements too) to compare the modes with, mode by "
     "mode; or modes of another program, as a universal file (.uff, .unv).",
 )
-@click.option(
-    "--select",
-    type=EXISTING,
-    help="File of your choice of modes: edits of the automatic choice (keep, drop, merge, "
-    "split). --report writes one beside its page, NAME.selection.yaml, to be edited; a click "
-    "on a pole of the page adds an edit.",
-)
 @language_flag
 @click.option(
     "--report",
@@ -247,7 +213,7 @@ def identify(
             "out --window-s, --report, --select, --with, --gaps and any --method but modes, or "
             "give --whole."
         )
-    if select and method not in ("auto", "modes", "bayes"):
+    if select and method not in ("auto", *WITH_POLES):
         raise click.UsageError(
             f"--select chooses among poles, which --method {method} has none of. Give "
             "--method modes or bayes."

@@ -7,10 +7,10 @@ import pytest
 
 from slowtime.dynamics.sdof.oscillator import Oscillator
 from slowtime.dynamics.sdof.simulation import ambient_acceleration
-from slowtime.identification.single_mode.excitation import Excitation
+from slowtime.identification.options import IdentifyOptions
 from slowtime_services.files import Gap, Record
-from slowtime_services.modal.identification import identify_part
-from slowtime_services.modal.losses import LOUD, completed, widened
+from slowtime_services.modal.identification import identify_record
+from slowtime_services.modal.losses import LOUD, completed
 
 RATE = 20.0
 NATURAL_HZ, DAMPING = (1.5, 4.2), 0.01
@@ -46,12 +46,9 @@ def losses(count, share, rng, shortest=1, longest=40):
 
 
 def modes_of(record, gaps="use", method="modes"):
-    whole = completed(record, gaps)
-    assert not whole.record.gaps
-    part = np.asarray(whole.record.samples)
-    told = identify_part(part, RATE, None, method, Excitation())
-    single, joint = widened(*told, whole.inflation(0, len(part)), whole.flags)
-    return single.modes if joint is None else joint.modes
+    found = identify_record(record, IdentifyOptions(method=method, gaps=gaps))
+    assert not found.record.gaps
+    return found.single.modes if found.whole is None else found.whole.modes
 
 
 @pytest.mark.parametrize(("share", "shortest"), [(0.06, 10), (0.2, 1)])

@@ -6,12 +6,13 @@ import scipy.signal as sps
 
 from slowtime.dynamics.sdof.oscillator import Oscillator
 from slowtime.dynamics.sdof.simulation import ambient_acceleration
-from slowtime.identification.methods import Method, by_method
+from slowtime.identification.methods import by_method
+from slowtime.identification.options import AllChannels
 
 RATE = 20.0
 NATURAL_HZ, DAMPING = (1.5, 2.4, 4.2), 0.01
 SHAPES = np.array([[1.0, 0.5, 0.9, 0.2], [0.6, 1.0, -0.7, -0.8], [0.3, -0.9, -0.5, 1.0]])
-METHODS: tuple[Method, ...] = ("modes", "efdd")
+METHODS: tuple[AllChannels, ...] = ("modes", "efdd")
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from slowtime.identification.automatic.estimation import identify_modes
 from slowtime.identification.methods import by_method
 from slowtime.identification.modal_fit.by_hand import edited_test
 from slowtime.identification.modal_fit.identification import identify_responses
-from slowtime.identification.selection import Edit, Selection
+from slowtime.identification.options import Edit, Selection
 from tests.slowtime.identification.modal_fit.structures import frame, response_to
 from tests.slowtime.identification.modal_fit.test_identification import responses
 

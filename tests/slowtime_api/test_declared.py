@@ -1,0 +1,104 @@
+"""Python and the command line take options from one declaration."""
+
+import dataclasses
+import inspect
+from typing import Literal, get_type_hints
+
+import click
+import pytest
+from click.testing import CliRunner
+
+import slowtime as st
+from slowtime.identification.options import IdentifyOptions
+from slowtime_api.declared import parameter_entries, takes
+from slowtime_cli.shared.declared import gathered, options_of
+from slowtime_cli.verbs.records.identify import identify
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SoundOptions:
+    """How to sound.
+
+    Parameters
+    ----------
+    level
+        How loud [dB].
+    voice
+        Which voice: ``"low"`` or ``"high"``.
+    """
+
+    level: float | None = None
+    voice: Literal["low", "high"] = "low"
+
+
+@takes(SoundOptions)
+def sound(text: str, options: SoundOptions) -> str:
+    """Sound.
+
+    Parameters
+    ----------
+    text
+        What to say.
+
+    Returns
+    -------
+    What was said.
+    """
+    return f"{text} {options.voice} {options.level}"
+
+
+def test_a_field_is_a_keyword_with_its_default_and_description():
+    assert sound("a", voice="high") == "a high None"
+    assert sound(text="a", level=2.0) == "a low 2.0"  # type: ignore[call-arg]
+    assert list(inspect.signature(sound).parameters) == ["text", "level", "voice"]
+    assert parameter_entries(sound) == {
+        "text": "What to say.", "level": "How loud [dB].",
+        "voice": 'Which voice: "low" or "high".',
+    }  # fmt: skip
+    with pytest.raises(ValueError, match=r"voice='loud' was given\. Allowed: low, high"):
+        sound("a", voice="loud")  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="pitch"):
+        sound("a", pitch=1.0)  # type: ignore[call-arg]
+    with pytest.raises(TypeError, match="2 arguments without a keyword"):
+        sound("a", 2.0)  # type: ignore[call-arg]
+
+
+def test_a_field_is_an_option_with_its_default_and_help():
+    @click.command()
+    @options_of(SoundOptions)
+    def verb(**flags):
+        click.echo(gathered(SoundOptions, flags))
+        assert not flags
+
+    told = CliRunner().invoke(verb, ["--voice", "high", "--level", "3"]).output
+    assert told == "SoundOptions(level=3.0, voice='high')\n"
+    shown = CliRunner().invoke(verb, ["--help"]).output
+    assert "How loud [dB]." in shown
+    assert "[default: low]" in shown
+
+
+def test_a_type_without_an_option_is_refused_when_it_is_declared():
+    @dataclasses.dataclass
+    class Odd:
+        """Odd.
+
+        Parameters
+        ----------
+        when
+            At which complex time.
+        """
+
+        when: complex = 0j
+
+    with pytest.raises(TypeError, match="when: there is no option of type"):
+        options_of(Odd)
+
+
+def test_every_option_of_identify_is_described_once_and_said_everywhere():
+    declared = parameter_entries(IdentifyOptions)
+    assert set(declared) == set(get_type_hints(IdentifyOptions))
+    python = parameter_entries(st.identify)
+    helps = {option.name: getattr(option, "help", "") for option in identify.params}
+    for name, text in declared.items():
+        assert python[name] == text
+        assert helps[name] == text
