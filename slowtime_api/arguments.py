@@ -2,7 +2,7 @@
 
 import contextlib
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,63 +10,15 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import ValidationError
 
+from slowtime_services.declared import number as number
+from slowtime_services.declared import pair as pair
+from slowtime_services.declared import texts as texts
+from slowtime_services.declared import whole as whole
+
 _FLAG = re.compile(r"(?<!slowtime diagnose )--[a-z][a-z-]*")
 _CHANNEL = re.compile(r"--channel ([^\s=]+)=NAME")
 _ARGUMENTS = {"--unit": "units", "--sensitivity": "sensitivities", "--channel": "channels"}
 """Option of the command line → argument of `slowtime.read`, where the names differ."""
-
-
-def number(value: Any, name: str, allowed: str) -> float:
-    """Return one real number.
-
-    Parameters
-    ----------
-    value
-        What was given.
-    name
-        Name of the argument.
-    allowed
-        What is allowed, for the message.
-
-    Returns
-    -------
-    The number; infinite and NaN ones too.
-
-    Raises
-    ------
-    TypeError
-        If it is no single real number.
-
-    Examples
-    --------
-    >>> number(np.float32(2.5), "rate_hz", "Hz > 0")
-    2.5
-    """
-    if not isinstance(value, str | bytes | complex) and np.ndim(value) == 0:
-        try:
-            return float(value)
-        except (TypeError, ValueError, OverflowError):
-            pass
-    raise TypeError(f"{name}={value!r} was given. Give one number: {allowed}.")
-
-
-def pair(value: Any, name: str, meaning: str) -> tuple[float, float]:
-    """Return two real numbers.
-
-    Raises
-    ------
-    TypeError
-        If they are not two numbers.
-
-    Examples
-    --------
-    >>> pair([1, 5], "band_hz", "lowest and highest frequency")
-    (1.0, 5.0)
-    """
-    if np.ndim(value) == 1 and len(value) == 2:
-        first, second = (number(one, name, meaning) for one in value)
-        return first, second
-    raise TypeError(f"{name}={value!r} was given. Give two numbers: {meaning}.")
 
 
 def finite(values: Any, name: str, meaning: str) -> list[float]:
@@ -120,27 +72,6 @@ def positive(value: Any, name: str, meaning: str) -> float:
     if not 0 < found < np.inf:
         raise ValueError(f"{name}={found:g} was given. Give more than 0: {meaning}.")
     return found
-
-
-def whole(value: Any, name: str, least: int) -> int:
-    """Return a whole number.
-
-    Raises
-    ------
-    TypeError
-        If it is no number.
-    ValueError
-        If it is not whole, or less than `least`.
-
-    Examples
-    --------
-    >>> whole(2.0, "elements", 2)
-    2
-    """
-    found = number(value, name, f"a whole number from {least}")
-    if not (np.isfinite(found) and found == int(found) >= least):
-        raise ValueError(f"{name}={value!r} was given. Give a whole number from {least}.")
-    return int(found)
 
 
 @contextlib.contextmanager
@@ -212,37 +143,6 @@ def names_of(samples: Any) -> tuple[str, ...] | None:
     if hasattr(samples, "index") and getattr(samples, "name", None) is not None:
         return (str(samples.name),)
     return None
-
-
-def texts(value: Any, name: str) -> tuple[str, ...]:
-    """Return one text or several as a tuple; numbers of columns become text.
-
-    Parameters
-    ----------
-    value
-        A text, or a sequence of texts and whole numbers.
-    name
-        Name of the argument.
-
-    Raises
-    ------
-    TypeError
-        If it is anything else.
-
-    Examples
-    --------
-    >>> texts("acc", "channels"), texts(["x", 1], "channels")
-    (('acc',), ('x', '1'))
-    """
-    many = [value] if isinstance(value, str) else value
-    if isinstance(many, Sequence | np.ndarray) or hasattr(many, "tolist"):
-        found = list(many)
-        if all(
-            isinstance(one, str | int | np.integer) and not isinstance(one, bool)
-            for one in found
-        ):
-            return tuple(str(one) for one in found)
-    raise TypeError(f"{name}={value!r} was given. Give a text, or a list of texts.")
 
 
 def with_arguments(message: str) -> str:

@@ -14,12 +14,12 @@ from slowtime.identification.mode_shapes.criteria import mac_matrix
 from slowtime.identification.options import IdentifyOptions, Selection
 from slowtime.identification.single_mode.machine_lines import LINE
 from slowtime_schemas.files.modes import ModesFile
+from slowtime_services.declared import takes
 from slowtime_services.files import accelerations, mixed_units
 from slowtime_services.modal import read_geometry, selection_text, write_modes
 from slowtime_services.modal.entries import mode_entry
 from slowtime_services.modal.identification import RecordModes, identify_record
 
-from .declared import takes
 from .optional import optional
 from .plotting import Figure, new_figure, save
 from .signals import Signals, checked_signals

@@ -10,8 +10,9 @@ import numpy as np
 from jaxtyping import Float, Shaped
 from scipy import signal
 
+from slowtime_services.declared import takes
 from slowtime_services.files import (
-    DateOrder,
+    ReadingOptions,
     Record,
     RecordError,
     find_column,
@@ -411,19 +412,8 @@ def checked_signals(signals: Any, function: str) -> Signals:
     return signals
 
 
-def read(
-    path: str | Path,
-    *,
-    rate_hz: float | None = None,
-    channels: Sequence[str] | None = None,
-    units: str | Sequence[str] = (),
-    sensitivities: str | Sequence[str] = (),
-    skip_lines: int | None = None,
-    columns: Sequence[str] | None = None,
-    time_column: str | None = None,
-    time_unit: str | None = None,
-    date_order: DateOrder | None = None,
-) -> Signals:
+@takes(ReadingOptions)
+def read(path: str | Path, options: ReadingOptions) -> Signals:
     """Read a file of measurements.
 
     Text of any delimiter, NumPy, MATLAB and MCAP recordings are read without further packages;
@@ -433,22 +423,6 @@ def read(
     ----------
     path
         The file.
-    rate_hz
-        Sampling rate [Hz], where the file does not state it; overrules what it states.
-    channels
-        Columns to use, by name or by number from 0; where not given, all but clocks, counters
-        and the like.
-    units
-        Unit of all channels, or several ``"CHANNEL=UNIT"``, where the file does not state it.
-    sensitivities
-        Scale of volts or counts, such as ``"100mV/g"`` or ``"x=256LSB/g"``.
-    skip_lines
-        Lines of text before the header or the data; detected where not given.
-    columns
-        Names of all columns, for a file without a header.
-    time_column, time_unit, date_order
-        Column of the time (``"none"`` if there is none), its unit, and the order of day, month
-        and year (``"dmy"``, ``"mdy"``, ``"ymd"``); detected where not given.
 
     Returns
     -------
@@ -464,43 +438,23 @@ def read(
         If there is no such file.
     """
     path = existing_file(path)
-    of_units, scales = texts(units, "units"), texts(sensitivities, "sensitivities")
-    chosen = None if channels is None else texts(channels, "channels")
-    names = None if columns is None else texts(columns, "columns")
-    clock = None if time_column is None else texts([time_column], "time_column")[0]
-    rate = None if rate_hz is None else number(rate_hz, "rate_hz", "samples per second")
-    if chosen == ():
+    if options.channels == ():
         raise ValueError("channels=[] was given. Name at least one, or leave it out for all.")
-    if date_order not in (None, "dmy", "mdy", "ymd"):
-        raise ValueError(
-            f"date_order={date_order!r} was given. Allowed: 'dmy', 'mdy' and 'ymd'."
-        )
-    if skip_lines is not None and not (
-        isinstance(skip_lines, int | np.integer) and skip_lines >= 0
-    ):
-        raise ValueError(f"skip_lines={skip_lines!r} was given. Give a whole number from 0.")
     try:
         if path.suffix.lower() == ".mcap":
-            found = _read_recording(path, rate, of_units, scales)
-            return found if chosen is None else found[chosen]
-        return Signals.from_record(
-            read_record(
-                path, rate_hz=rate, channels=chosen, skip_lines=skip_lines, columns=names,
-                time_column=clock, time_unit=time_unit, date_order=date_order,
-                units=of_units, sensitivities=scales,
-            )
-        )  # fmt: skip
+            found = _read_recording(path, options)
+            return found if options.channels is None else found[tuple(options.channels)]
+        said = {one.name: getattr(options, one.name) for one in dataclasses.fields(options)}
+        return Signals.from_record(read_record(path, **said))
     except RecordError as error:
         raise RecordError(with_arguments(str(error))) from error
 
 
-def _read_recording(
-    path: Path, rate_hz: float | None, units: Sequence[str], sensitivities: Sequence[str]
-) -> Signals:
+def _read_recording(path: Path, options: ReadingOptions) -> Signals:
     optional("mcap")
     from slowtime_services.replay import record_or_foreign
 
-    record = in_si(record_or_foreign(path), units, sensitivities)
-    if rate_hz is not None:
-        record = dataclasses.replace(record, rate_hz=rate_hz)
-    return Signals.from_record(with_checked_values(record, path.name))
+    record = in_si(record_or_foreign(path), options.units, options.sensitivities)
+    if options.rate_hz is not None:
+        record = dataclasses.replace(record, rate_hz=options.rate_hz)
+    return Signals.from_record(with_checked_values(record, path.name, options.repeated))

@@ -9,9 +9,9 @@ import click
 import numpy as np
 
 from slowtime.design import Design, Effort, Evaluated, optimise, optimise_emulated
-from slowtime_cli.shared.record_input import ReadingFlags, note_reading, read_any
+from slowtime_cli.shared.record_input import note_reading, read_any
 from slowtime_cli.shared.terminal import note, show
-from slowtime_services.files import ALL
+from slowtime_services.files import ALL, ReadingOptions
 from slowtime_services.models import write_model
 from slowtime_services.problem_files.design import DesignTask, read_design
 
@@ -66,7 +66,7 @@ def _samples(
     path: Path, channel: str | None, rate_hz: float | None
 ) -> tuple[np.ndarray, float]:
     """Read the record of a load."""
-    record = read_any(path, ReadingFlags(rate_hz=rate_hz, keep=(ALL,)))
+    record = read_any(path, ReadingOptions(rate_hz=rate_hz, keep=(ALL,)))
     note_reading(record)
     if record.gaps:
         raise ValueError(f"{path.name} lacks samples. Cut it at its gaps.")

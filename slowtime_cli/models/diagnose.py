@@ -1,13 +1,13 @@
 """The verb `diagnose`: finds effects that a model lacks, from its records."""
 
 import contextlib
-import functools
 import signal
 import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import FrameType
+from typing import Any
 
 import click
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
@@ -27,7 +27,6 @@ from slowtime_services.diagnose import (
 )
 from slowtime_services.diagnose.labels import labelled, number
 from slowtime_services.engines import JobLimits, usable_cores
-from slowtime_services.files import DateOrder, Repeated
 from slowtime_services.matrices import read_any_description
 from slowtime_services.plugins.effect_kinds import known
 
@@ -46,15 +45,6 @@ def diagnose(
     quick: bool,
     effects: tuple[Path, ...],
     channels: tuple[str, ...],
-    rate_hz: float | None,
-    skip_lines: int | None,
-    time_column: str | None,
-    time_unit: str | None,
-    date_order: DateOrder | None,
-    wrapped: bool | None,
-    repeated: Repeated | None,
-    units: tuple[str, ...],
-    sensitivities: tuple[str, ...],
     patience_s: float | None,
     surface: str,
     unchecked: bool,
@@ -65,6 +55,7 @@ def diagnose(
     limit_mib: int | None,
     retries: int,
     report: Path | None,
+    **reading: Any,
 ) -> None:
     """Find effects that a model lacks, with their place and size."""
     if batch is not None:
@@ -90,12 +81,9 @@ def diagnose(
             f"{model.name} lists no sensors. State under `sensors` which quantity each "
             "channel measures."
         )
-    read = functools.partial(
-        read_any, rate_hz=rate_hz, skip_lines=skip_lines, time_column=time_column,
-        time_unit=time_unit, date_order=date_order, wrapped=wrapped, repeated=repeated,
-        units=units, sensitivities=sensitivities,
-    )  # fmt: skip
-    learnt, judged = [read(text) for text in records], [read(text) for text in holdout]
+    learnt, judged = (
+        [read_any(text, **reading) for text in some] for some in (records, holdout)
+    )
     _refuse_unwritable(out)
     roles = roles_of(channels)
     options = SearchOptions(quick=quick, surface=SurfaceDemand.of(surface.split(",")))

@@ -100,7 +100,7 @@ def _columns(
     text: str, names: Sequence[str], rate_hz: float | None
 ) -> tuple[list[Series], float]:
     """Read channels of a record without gaps."""
-    source = read_any(text, rate_hz)
+    source = read_any(text, rate_hz=rate_hz)
     record = source.record
     if record.gaps:
         raise click.UsageError(

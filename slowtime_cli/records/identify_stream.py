@@ -17,10 +17,10 @@ from slowtime.identification.recursive import RecursiveModes
 from slowtime.signals.block import Block, RateCorrection
 from slowtime.signals.clock.joint_correction import joint_correction
 from slowtime_cli.shared.declared import gathered
-from slowtime_cli.shared.options import names
-from slowtime_cli.shared.record_input import ReadingFlags, note_reading, overridden_by_flags
+from slowtime_cli.shared.record_input import note_reading, overridden_by_flags
 from slowtime_cli.shared.terminal import counting, note, plural
 from slowtime_services.files import (
+    ReadingOptions,
     Record,
     RecordError,
     RecordStream,
@@ -90,10 +90,7 @@ def identify(record_path: Path, stream: bool | None, **flags: Any) -> None:
         options = gathered(IdentifyOptions, flags)
         identifying.identify(record_path=record_path, options=options, **flags)
         return
-    said = {field.name: flags.pop(field.name) for field in dataclasses.fields(ReadingFlags)}
-    for name in ("channels", "columns", "keep"):
-        said[name] = names(said[name], f"--{name}")
-    with _opened(record_path, said) as opened:
+    with _opened(record_path, gathered(ReadingOptions, flags)) as opened:
         _identify(record_path, opened, flags)
 
 
@@ -110,14 +107,13 @@ def _is_long(path: Path, flags: dict[str, Any]) -> bool:
 
 
 @contextlib.contextmanager
-def _opened(path: Path, said: dict[str, Any]) -> Iterator[RecordStream]:
+def _opened(path: Path, given: ReadingOptions) -> Iterator[RecordStream]:
     """Open a file or a recording."""
     if path.suffix.lower() != ".mcap":
-        said["keep"] = said["keep"] or ()
+        said = {one.name: getattr(given, one.name) for one in dataclasses.fields(given)}
         with open_record(path, **said, skip_missing=True) as opened:
             yield opened
         return
-    given = ReadingFlags(**{**said, "keep": ()})
     blocks = (block for _, block in raw_blocks(path))
     first = next(blocks, None)
     if first is None:

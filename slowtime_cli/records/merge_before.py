@@ -11,9 +11,9 @@ import numpy as np
 from slowtime.identification.automatic.set_ups import JointModes, merge_records
 from slowtime.identification.subspace.setup_merging import SetUpRecord
 from slowtime.signals.decimation import PASS, decimated
-from slowtime_cli.shared.record_input import ReadingFlags, note_reading, read_any
+from slowtime_cli.shared.record_input import note_reading, read_any
 from slowtime_cli.shared.terminal import counting, note
-from slowtime_services.files import Record, bridged
+from slowtime_services.files import ReadingOptions, Record, bridged
 
 FEWEST_LAGS, MOST_LAGS = 20, 60
 """Lags in a block row [samples]: a period of the lowest frequency of the band, within bounds
@@ -102,7 +102,7 @@ def _common_rate(read: Sequence[Record], band_hz: tuple[float, float]) -> float:
 
 
 def _read(path: Path, rate_hz: float | None) -> Record:
-    record = read_any(path, ReadingFlags(rate_hz=rate_hz))
+    record = read_any(path, ReadingOptions(rate_hz=rate_hz))
     note_reading(record)
     record, said = bridged(record)
     if said:

@@ -12,9 +12,9 @@ import numpy as np
 from slowtime.dynamics.description import Description, DescriptionError, Input, Start
 from slowtime.dynamics.effects import Kind
 from slowtime.dynamics.units import UNITS
-from slowtime_cli.shared.record_input import ReadingFlags, note_reading, read_any
+from slowtime_cli.shared.record_input import note_reading, read_any
 from slowtime_cli.shared.terminal import note, plural, removed_unless_finished
-from slowtime_services.files import ALL, MAX_BYTES, Record
+from slowtime_services.files import ALL, MAX_BYTES, ReadingOptions, Record
 from slowtime_services.matrices import read_any_description
 from slowtime_services.models import ambient_model, run_model
 from slowtime_services.plugins.effect_kinds import known
@@ -59,7 +59,7 @@ def simulate_model(
         if record_path is None:
             wanted = ", ".join(entry.channel for entry in description.inputs)
             raise click.UsageError(f"{model.name} has inputs: {wanted}. Give --input RECORD.")
-        record = read_any(record_path, ReadingFlags(rate_hz=rate_hz, keep=(ALL,)))
+        record = read_any(record_path, ReadingOptions(rate_hz=rate_hz, keep=(ALL,)))
         times, arrays = _under(description, record, hold, kinds, seed)
     else:
         if record_path is not None:

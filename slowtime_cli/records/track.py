@@ -44,7 +44,7 @@ def track_records(
     ValueError
         Where model and records do not go together.
     """
-    sources = [read_any(text, rate_hz) for text in records]
+    sources = [read_any(text, rate_hz=rate_hz) for text in records]
     found = track(
         read_description(model), sources, free=free, white_n=white_force, force_sd_n=force_sd
     )

@@ -7,28 +7,30 @@ help of an option are those of the field, so that the command line says what Pyt
 import dataclasses
 import types
 import typing
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Sequence
 from typing import Any, TypeVar
 
 import click
 
 from slowtime.identification.options import FileName
-from slowtime_api.declared import alternatives, parameter_entries
+from slowtime_services.declared import alternatives, parameter_entries
 
-from .flags import EXISTING
-from .options import POSITIVE, Real
+from .options import EXISTING, POSITIVE, Names, Real
 
 F = TypeVar("F", bound=Callable[..., Any])
 O = TypeVar("O")
 
 
-def options_of(declared: type[Any]) -> Callable[[F], F]:
+def options_of(declared: type[Any], only: Collection[str] = ()) -> Callable[[F], F]:
     """Add an option for each field of a class of options.
 
     Parameters
     ----------
     declared
-        Frozen dataclass with defaults; its docstring has an entry for each field.
+        Frozen dataclass with defaults; its docstring has an entry for each field. The metadata
+        of a field may name its `flag` and `metavar`; such an option may be repeated.
+    only
+        Fields that are options here; none for all.
 
     Returns
     -------
@@ -37,13 +39,9 @@ def options_of(declared: type[Any]) -> Callable[[F], F]:
     help_of = parameter_entries(declared)
     types_of = typing.get_type_hints(declared)
     made = [
-        click.option(
-            "--" + field.name.replace("_", "-"),
-            default=field.default,
-            help=help_of[field.name],
-            **_kind(types_of[field.name], field.name),
-        )
+        _option(field, types_of[field.name], help_of[field.name])
         for field in dataclasses.fields(declared)
+        if not only or field.name in only
     ]
 
     def decorate(function: F) -> F:
@@ -52,6 +50,22 @@ def options_of(declared: type[Any]) -> Callable[[F], F]:
         return function
 
     return decorate
+
+
+def _option(field: "dataclasses.Field[Any]", declared: Any, text: str) -> Callable[[F], F]:
+    flag = "--" + field.name.replace("_", "-")
+    if "flag" in field.metadata:
+        return click.option(
+            field.metadata["flag"],
+            field.name,
+            multiple=True,
+            metavar=field.metadata["metavar"],
+            help=text,
+        )
+    kind = _kind(declared, field.name)
+    if kind["type"] is bool:
+        flag = f"{flag}/--not-{flag[2:]}"
+    return click.option(flag, default=field.default, help=text, **kind)
 
 
 def gathered(declared: type[O], flags: dict[str, Any]) -> O:
@@ -80,8 +94,11 @@ def _kind(declared: Any, name: str) -> dict[str, Any]:
     (kind,) = given
     if typing.get_origin(kind) is typing.Literal:
         return {"type": click.Choice(typing.get_args(kind)), "show_default": True}
+    if kind == Sequence[str]:
+        return {"type": Names()}
     if kind == tuple[float, float]:
         return {"type": Real(), "nargs": 2, "metavar": "LO HI"}
-    if kind is float:
-        return {"type": POSITIVE}
+    plain = {float: POSITIVE, int: click.IntRange(min=0), str: str, bool: bool}
+    if kind in plain:
+        return {"type": plain[kind]}
     raise TypeError(f"{name}: there is no option of type {kind}. Declare another in _kind.")

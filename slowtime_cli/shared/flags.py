@@ -1,17 +1,18 @@
 """Arguments that several verbs have in common."""
 
+import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
 
+from slowtime_cli.shared.declared import options_of
+from slowtime_cli.shared.options import EXISTING as EXISTING
 from slowtime_cli.shared.options import POSITIVE, Real
+from slowtime_services.files.reading_options import ReadingOptions
 
 F = TypeVar("F", bound=Callable[..., Any])
-EXISTING = click.Path(exists=True, dir_okay=False, path_type=Path)
-"""A file that is there."""
-
 
 key_option = click.option(
     "--key",
@@ -51,80 +52,8 @@ class Effects(click.Path):
         return str(value)
 
 
-TIME_UNITS = ("s", "ms", "us", "ns", "min", "h", "d")
-"""As `slowtime_services.files.UNITS`, without reading files yet."""
-
-CLOCK = (
-    click.option(
-        "--time-unit",
-        type=click.Choice(TIME_UNITS),
-        help="Unit of that column.  [default: by its name]",
-    ),
-    click.option(
-        "--date-order",
-        type=click.Choice(["dmy", "mdy", "ymd"]),
-        help="Order of dates such as 04/05/2024 or 24/04/21.  [default: detected]",
-    ),
-    click.option(
-        "--wrapped/--not-wrapped",
-        default=None,
-        help="Whether all columns are one series, several values a line.  [default: detected]",
-    ),
-    click.option(
-        "--repeated",
-        type=click.Choice(["drop", "keep"]),
-        help="Leave out rows that repeat the row before, or keep them.  [default: detected]",
-    ),
-)
-"""What a text file may leave open of its clock and lines."""
-
-UNITS = (
-    click.option(
-        "--unit",
-        "units",
-        multiple=True,
-        metavar="[CHANNEL=]UNIT",
-        help="Unit of the samples (g, mg, gal, in/s^2, mV ...); overrides a unit stated in "
-        "the file. Motion is converted to SI.",
-    ),
-    click.option(
-        "--sensitivity",
-        "sensitivities",
-        multiple=True,
-        metavar="[CHANNEL=]SENSITIVITY",
-        help="Scale of volts or counts: 100mV/g, a=10.2mV/(m/s^2), 256LSB/g.",
-    ),
-)
-"""Units of the samples of a file, and sensitivities of its sensors."""
-
-READING = (
-    click.option(
-        "--rate-hz",
-        type=POSITIVE,
-        help="Sampling rate; overrides a rate stated in the file.",
-    ),
-    click.option("--channels", help="Columns to use, by name or number from 0: a,b."),
-    click.option(
-        "--skip-lines",
-        type=click.IntRange(min=0),
-        help="Lines before header or data.  [default: detected]",
-    ),
-    click.option("--columns", help="Names of all columns, where the file has none: a,b,c."),
-    click.option(
-        "--time-column",
-        help="Column of time, by name or number; none if there is none.  [default: detected]",
-    ),
-    *CLOCK,
-    click.option(
-        "--keep",
-        help="Columns to keep although they are counters, magnitudes or the like: a,b; or all.",
-    ),
-    *UNITS,
-)
-"""How to read a record."""
-
-RECORD = (click.argument("record_path", metavar="RECORD", type=EXISTING), *READING)
-"""A record, and how to read it; `slowtime_cli.shared.record_input.with_record` takes them."""
+READING = tuple(field.name for field in dataclasses.fields(ReadingOptions))
+"""What a person says of a file."""
 
 AS_BUILT = (
     click.option(
@@ -156,23 +85,13 @@ AS_BUILT = (
 
 
 def record_flags(function: F) -> F:
-    """Add the arguments of `RECORD`."""
-    return _with(RECORD, function)
+    """Add a record, and how to read it, as `record_input.with_record` takes them."""
+    reading = reading_flags(function)
+    return click.argument("record_path", metavar="RECORD", type=EXISTING)(reading)
 
 
-def reading_flags(function: F) -> F:
-    """Add the options of `READING`."""
-    return _with(READING, function)
-
-
-def clock_flags(function: F) -> F:
-    """Add the options of `CLOCK`."""
-    return _with(CLOCK, function)
-
-
-def unit_flags(function: F) -> F:
-    """Add the options of `UNITS`."""
-    return _with(UNITS, function)
+reading_flags = options_of(ReadingOptions)
+unit_flags = options_of(ReadingOptions, only=("units", "sensitivities"))
 
 
 def as_built(function: F) -> F:

@@ -37,6 +37,8 @@ class Real(click.FloatRange):
 
 
 POSITIVE = Real(min=0, min_open=True)
+EXISTING = click.Path(exists=True, dir_okay=False, path_type=Path)
+"""A file that is there."""
 
 
 class Name(click.ParamType):  # type: ignore[type-arg]  # generic only in the newest click

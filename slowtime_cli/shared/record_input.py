@@ -2,38 +2,20 @@
 
 import dataclasses
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
-from slowtime_services.files import DateOrder, Record, Repeated, find_column, in_si, read_record
+from slowtime_services.files import ReadingOptions, Record, find_column, in_si, read_record
 from slowtime_services.files.integrity import with_checked_values
 from slowtime_services.replay import record_or_foreign
 
-from .options import names
+from .declared import gathered
 from .terminal import note
 
 BINARY_SUFFIXES = (".mcap", ".npy", ".npz", ".mat")
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class ReadingFlags:
-    """Options for reading a record."""
-
-    rate_hz: float | None = None
-    channels: tuple[str, ...] | None = None
-    skip_lines: int | None = None
-    columns: tuple[str, ...] | None = None
-    time_column: str | None = None
-    time_unit: str | None = None
-    date_order: DateOrder | None = None
-    wrapped: bool | None = None
-    keep: tuple[str, ...] = ()
-    repeated: Repeated | None = None
-    units: tuple[str, ...] = ()
-    sensitivities: tuple[str, ...] = ()
 
 
 TEXT_FLAGS = ("time_column", "time_unit", "date_order", "wrapped", "keep")
@@ -45,10 +27,7 @@ def with_record(verb: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(verb)
     def reading(record_path: Path, **flags: Any) -> Any:
-        said = {field.name: flags.pop(field.name) for field in dataclasses.fields(ReadingFlags)}
-        for name in ("channels", "columns", "keep"):
-            said[name] = names(said[name], f"--{name}")
-        given = ReadingFlags(**{**said, "keep": said["keep"] or ()})
+        given = gathered(ReadingOptions, flags)
         record = read_any(record_path, given)
         note_reading(record)
         if flags.get("second") is not None:
@@ -67,9 +46,9 @@ def note_reading(record: Record) -> None:
         note(f"assumed: {'; '.join(record.assumptions)}.")
 
 
-def read_any(path: Path, given: ReadingFlags | None = None) -> Record:
+def read_any(path: Path, given: ReadingOptions | None = None) -> Record:
     """Read a record of any kind, a recording among them."""
-    given = given or ReadingFlags()
+    given = given or ReadingOptions()
     kind = path.suffix.lower()
     if kind in BINARY_SUFFIXES and given.skip_lines:
         note(f"--skip-lines was not used: a {kind} file has no lines.")
@@ -84,14 +63,12 @@ def read_any(path: Path, given: ReadingFlags | None = None) -> Record:
         return with_checked_values(record, path.name, given.repeated)
     return read_record(
         path,
-        **{
-            field.name: getattr(given, field.name) for field in dataclasses.fields(ReadingFlags)
-        },
+        **{one.name: getattr(given, one.name) for one in dataclasses.fields(given)},
         skip_missing=True,
     )
 
 
-def overridden_by_flags(record: Record, path: Path, given: ReadingFlags) -> Record:
+def overridden_by_flags(record: Record, path: Path, given: ReadingOptions) -> Record:
     """Let flags overrule what a recording states, as for other files."""
     rate_hz, channels, columns = given.rate_hz, given.channels, given.columns
     if columns is not None:
@@ -100,7 +77,7 @@ def overridden_by_flags(record: Record, path: Path, given: ReadingFlags) -> Reco
                 f"--columns gives {len(columns)} names, {', '.join(columns)}; {path} has "
                 f"{len(record.channels)} channels, {', '.join(record.channels)}. Give one each."
             )
-        record = dataclasses.replace(record, channels=columns)
+        record = dataclasses.replace(record, channels=tuple(columns))
     if rate_hz is not None and abs(rate_hz / record.rate_hz - 1) > 1e-3:
         note(f"{path.name} states {record.rate_hz:g} Hz; {rate_hz:g} Hz was given and is used.")
         record = dataclasses.replace(record, rate_hz=rate_hz)
@@ -109,7 +86,7 @@ def overridden_by_flags(record: Record, path: Path, given: ReadingFlags) -> Reco
     return in_si(record, given.units, given.sensitivities)
 
 
-def _chosen(record: Record, channels: tuple[str, ...]) -> Record:
+def _chosen(record: Record, channels: Sequence[str]) -> Record:
     kept = [find_column(name, record.channels) for name in channels]
     if len(set(kept)) != len(kept):
         raise click.UsageError(f"--channels {','.join(channels)} names one twice.")

@@ -53,11 +53,11 @@ def _recorded(
     path: Path | None, channel: str | None, rate_hz: float | None
 ) -> tuple[list[float], float]:
     # Readers of files bring NumPy and compilers; a load in numbers needs none of them.
-    from slowtime_cli.shared.record_input import ReadingFlags, note_reading, read_any
-    from slowtime_services.files import ALL
+    from slowtime_cli.shared.record_input import note_reading, read_any
+    from slowtime_services.files import ALL, ReadingOptions
 
     assert path is not None
-    record = read_any(path, ReadingFlags(rate_hz=rate_hz, keep=(ALL,)))
+    record = read_any(path, ReadingOptions(rate_hz=rate_hz, keep=(ALL,)))
     note_reading(record)
     if record.gaps:
         raise click.UsageError(f"{path.name} lacks samples. Cut it at its gaps.")

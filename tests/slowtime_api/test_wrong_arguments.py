@@ -122,7 +122,7 @@ def test_channels_are_selected_by_number_too_and_known_by_name(signals):
         ({"rate_hz": 50, "channels": []}, ValueError, "Name at least one"),
         ({"rate_hz": 50, "channels": 5}, TypeError, "channels=5 was given"),
         ({"rate_hz": 50, "skip_lines": -1}, ValueError, "Give a whole number from 0"),
-        ({"rate_hz": 50, "date_order": "ydm"}, ValueError, "Allowed: 'dmy', 'mdy' and 'ymd'"),
+        ({"rate_hz": 50, "date_order": "ydm"}, ValueError, "Allowed: dmy, mdy, ymd"),
     ],
 )
 def test_wrong_options_of_reading_name_arguments_not_flags(tmp_path, options, error, message):

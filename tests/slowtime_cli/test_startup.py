@@ -18,11 +18,11 @@ import pytest
 
 from slowtime_cli.__main__ import app
 from slowtime_cli.shared.deferred import Deferred
-from slowtime_cli.shared.record_input import ReadingFlags
 from slowtime_cli.verbs.models import diagnose
 from slowtime_cli.verbs.operation import keys, tokens
 from slowtime_services.credentials import ROLES
 from slowtime_services.diagnose import run
+from slowtime_services.files import ReadingOptions
 from twin_server.identity.principals import Scope
 
 LIGHT = {
@@ -159,7 +159,7 @@ def test_a_verb_that_asks_a_server_imports_the_client_and_nothing_that_computes(
         assert not heavy, f"slowtime {' '.join(arguments)} imported {sorted(heavy)[:9]}"
 
 
-def test_of_the_shared_packages_they_import_three_modules():
+def test_of_the_shared_packages_they_import_words_and_the_options_of_files():
     imported = probed()[-1][-1]
     shared = {
         name
@@ -168,6 +168,9 @@ def test_of_the_shared_packages_they_import_three_modules():
     }
     assert shared == {
         "slowtime_schemas.plain_text",
+        "slowtime_services.declared",
+        "slowtime_services.files",
+        "slowtime_services.files.reading_options",
         "slowtime_services.logs",
         "slowtime_services.reasons",
     }
@@ -189,7 +192,7 @@ def test_the_work_of_a_verb_takes_the_arguments_that_it_declares(path, command):
     given: dict[Any, Any] = {parameter.name: None for parameter in handed_on}
     inspect.signature(command.callback).bind(**given)
     work = command.load()
-    of_record = {"record_path", *(field.name for field in dataclasses.fields(ReadingFlags))}
+    of_record = {"record_path", *(field.name for field in dataclasses.fields(ReadingOptions))}
     if hasattr(work, "__wrapped__"):  # which hands on a record in place of how to read it
         assert given.keys() > of_record
         given = {name: None for name in given.keys() - of_record} | {"record": 0, "path": 0}

@@ -2,14 +2,13 @@
 
 import dataclasses
 import re
-from collections.abc import Sequence
 from pathlib import Path
 
+from slowtime_services.declared import takes
 from slowtime_services.files import (
-    DateOrder,
+    ReadingOptions,
     Record,
     RecordError,
-    Repeated,
     in_si,
     part_of,
     read_record,
@@ -54,57 +53,34 @@ def split(text: str) -> tuple[Path, tuple[float, float] | None]:
     return Path(match["path"]), span
 
 
-def read_any(
-    text: str | Path,
-    rate_hz: float | None = None,
-    *,
-    skip_lines: int | None = None,
-    time_column: str | None = None,
-    time_unit: str | None = None,
-    date_order: DateOrder | None = None,
-    wrapped: bool | None = None,
-    repeated: Repeated | None = None,
-    units: Sequence[str] = (),
-    sensitivities: Sequence[str] = (),
-) -> Source:
+@takes(ReadingOptions)
+def read_any(text: str | Path, options: ReadingOptions) -> Source:
     """Read a record of any kind, recordings included; values that are no numbers become NaN.
 
     Parameters
     ----------
     text
-        Path of a file; ``path@FROM:TO`` for those seconds of it, counted from its beginning.
-    rate_hz, skip_lines, time_column, time_unit, date_order, wrapped, repeated, units, \
-    sensitivities
-        As `slowtime_services.files.read_record` takes them; of a recording, rate and units
-        only.
+        Path of a file; ``path@FROM:TO`` for those seconds of it, counted from its beginning. Of
+        what is said of a recording, rate, units and repeated rows count.
     """
     path, span = split(str(text))
     try:
         if path.suffix.lower() == ".mcap":
             record = record_or_foreign(path)
-            if rate_hz is not None:
-                record = dataclasses.replace(record, rate_hz=rate_hz)
-            record = with_checked_values(record, path.name, repeated)
-            record = in_si(record, units, sensitivities)
+            if options.rate_hz is not None:
+                record = dataclasses.replace(record, rate_hz=options.rate_hz)
+            record = with_checked_values(record, path.name, options.repeated)
+            record = in_si(record, options.units, options.sensitivities)
         else:
-            record = read_record(
-                path,
-                rate_hz=rate_hz,
-                skip_lines=skip_lines if path.suffix.lower() not in BINARY else None,
-                time_column=time_column,
-                time_unit=time_unit,
-                date_order=date_order,
-                wrapped=wrapped,
-                repeated=repeated,
-                units=units,
-                sensitivities=sensitivities,
-                # A model names its channels, so that a column of zeros may well be a force.
-                keep=("all",),
-                keep_missing=True,
-            )
+            said = {one.name: getattr(options, one.name) for one in dataclasses.fields(options)}
+            if path.suffix.lower() in BINARY:
+                said["skip_lines"] = None
+            # A model names its channels, so that a column of zeros may well be a force.
+            said["keep"] = ("all",)
+            record = read_record(path, **said, keep_missing=True)
     except RecordError as error:
-        said = str(error)
-        raise RecordError(said if path.name in said else f"{path.name}: {said}") from None
+        why = str(error)
+        raise RecordError(why if path.name in why else f"{path.name}: {why}") from None
     if span is None:
         return Source(path.name, record)
     return Source(Path(text).name, part_of(record, *span, name=path.name))

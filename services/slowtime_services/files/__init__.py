@@ -6,24 +6,22 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .channels.gap_filling import MARK, bridged
     from .channels.si_conversion import Scaling, in_si, mixed_units, scaling_of
-    from .reading_options import ALL, Repeated
+    from .reading_options import ALL, MAX_BYTES, DateOrder, ReadingOptions, Repeated
     from .record import UNDATED_NS, Gap, Record, RecordError, accelerations, find_column
     from .record_part import part_of
-    from .record_reader import MAX_BYTES, read_record
+    from .record_reader import read_record
     from .record_streams.record_stream import RecordStream, open_record, streams
-    from .times.stamps import DateOrder
     from .times.time_units import UNITS
 
 _MODULES = {
     "channels.gap_filling": ("MARK", "bridged"),
     "channels.si_conversion": ("Scaling", "in_si", "mixed_units", "scaling_of"),
-    "record_reader": ("MAX_BYTES", "read_record"),
+    "record_reader": ("read_record",),
     "record": (
         "UNDATED_NS", "Gap", "Record", "RecordError", "accelerations", "find_column",
     ),
     "record_part": ("part_of",),
-    "reading_options": ("ALL", "Repeated"),
-    "times.stamps": ("DateOrder",),
+    "reading_options": ("ALL", "MAX_BYTES", "DateOrder", "ReadingOptions", "Repeated"),
     "record_streams.record_stream": ("RecordStream", "open_record", "streams"),
     "times.time_units": ("UNITS",),
 }  # fmt: skip
@@ -37,6 +35,7 @@ __all__ = [
     "UNITS",
     "DateOrder",
     "Gap",
+    "ReadingOptions",
     "Record",
     "RecordError",
     "RecordStream",

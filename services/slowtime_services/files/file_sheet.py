@@ -13,10 +13,11 @@ from .binary.reader_process import read_matlab
 from .channels import wrapped_rows
 from .headings.sampling import Fact, Facts
 from .readers import reader_of
+from .reading_options import DateOrder
 from .record import RecordError, Values
 from .sheet import Column, Sheet
 from .text_sheet import read_lines, read_text
-from .times.stamps import DateOrder, Stamps
+from .times.stamps import Stamps
 
 _ARRAYS = {".npy": read_npy, ".npz": read_npz, ".mat": read_matlab}
 QUANTUM_STEPS = 1000

@@ -39,7 +39,7 @@ def with_checked_values(record: Record, file: str, repeated: Repeated | None = N
     samples = np.asarray(record.samples, dtype=float)
     said = value_notes(samples, record.channels, record.rate_hz)
     if not record.gaps:
-        options = ReadingOptions(None, None, None, None, None, (), repeated)
+        options = ReadingOptions(repeated=repeated)
         new = new_rows(
             file, samples, record.channels, record.rate_hz, None, options, of_a_piece=False
         )

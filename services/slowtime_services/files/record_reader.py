@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from slowtime.signals.value_checks import value_notes
+from slowtime_services.declared import takes
 
 from . import plausibility
 from .channels import sentinels, wrapped_rows
@@ -33,39 +34,21 @@ from .channels.si_conversion import in_si
 from .clocks import candidates
 from .clocks.record_clock import axis_of, clock_of_sheet, clock_words, no_clock, start_of
 from .file_sheet import open_sheet, pairs_unwrapped, renamed
-from .reading_options import MissingPolicy, ReadingOptions, Repeated, refuse_implausible_options
+from .reading_options import MissingPolicy, ReadingOptions, RecordReading
 from .record import Gap, Record, RecordError, Values, in_sensor_type
 from .sheet import Column, Sheet
 from .times.even_samples import between_rows, chosen_axis, sampled_evenly
-from .times.stamps import DateOrder
 from .times.time_axis import TimeAxis
 
-MAX_BYTES = 1 << 30
+MIN_RATE_HZ, MAX_RATE_HZ = 1e-6, 1e9
+"""Sampling rates that a person may give [Hz]; beyond them a rate is a typing error."""
 
 
 # Values of a damaged file may be so large that their squares are infinite: a pattern that
 # is looked for is then not there, and what stands in the file is kept.
+@takes(RecordReading)
 @np.errstate(over="ignore", invalid="ignore")
-def read_record(
-    path: str | Path,
-    *,
-    rate_hz: float | None = None,
-    channels: Sequence[str] | None = None,
-    skip_lines: int | None = None,
-    columns: Sequence[str] | None = None,
-    time_column: str | None = None,
-    time_unit: str | None = None,
-    date_order: DateOrder | None = None,
-    wrapped: bool | None = None,
-    keep: Sequence[str] = (),
-    repeated: Repeated | None = None,
-    keep_missing: bool = False,
-    skip_missing: bool = False,
-    units: Sequence[str] = (),
-    sensitivities: Sequence[str] = (),
-    max_bytes: int = MAX_BYTES,
-    of_a_piece: bool = False,
-) -> Record:
+def read_record(path: str | Path, options: RecordReading) -> Record:
     """Read a record of measurements from a file.
 
     Text of any delimiter (comma, tab, semicolon, bar, blanks; decimal point or comma), with
@@ -75,44 +58,8 @@ def read_record(
 
     Parameters
     ----------
-    rate_hz
-        Samples per second; None to find it in a time column, in a variable such as ``fs``,
-        or in the heading. If given, it overrules them.
-    channels
-        Names, or numbers from 0, of the columns to keep as samples; None for all but clocks,
-        counters, magnitudes, constants and words. Other columns go to `Record.aux`.
-    skip_lines
-        Lines of text before the first row of numbers; None to find out.
-    columns
-        Names of the columns, in order; None to take those in the file.
-    time_column
-        Name or number of the column that holds the clock; ``"none"`` if there is none; None to
-        find out.
-    time_unit
-        Unit of that column: s, ms, us, ns, min, h or d; None to find out.
-    date_order
-        Order of day, month and year in dates of numbers: ``"dmy"``, ``"mdy"``, ``"ymd"``.
-    wrapped
-        Whether all columns are one series, several values a line; None to find out.
-    keep
-        Columns to keep as channels that would be set aside; ``("all",)`` for each.
-    repeated
-        Whether rows that repeat the one before in all channels are left out, ``"drop"``, or
-        are samples, ``"keep"``; None to find out.
-    keep_missing
-        Whether NaN and empty fields are kept, as NaN, instead of refused.
-    skip_missing
-        Whether rows in which a value is missing are left out as gaps, instead of refused.
-    units
-        Units of the samples in the file, ``UNIT`` of all channels or ``CHANNEL=UNIT``; they
-        overrule it.
-    sensitivities
-        What volts or counts mean: ``100mV/g``, ``CHANNEL=256LSB/g``.
-    max_bytes
-        What a file may hold at most.
-    of_a_piece
-        Whether it is a piece of a longer file, of which its heading states the number of
-        points and the duration.
+    path
+        The file.
 
     Returns
     -------
@@ -126,29 +73,36 @@ def read_record(
         says what to do. OSError where it cannot be opened.
     """
     path = Path(path)
-    refuse_implausible_options(rate_hz, time_unit)
+    _refuse_implausible_rate(options.rate_hz)
     size = path.stat().st_size
-    if size > max_bytes:
+    if size > options.max_bytes:
         raise RecordError(
-            f"{path.name} has {size / 2**20:.0f} MiB; at most {max_bytes / 2**20:.0f} MiB "
-            "are read at once. Cut it into several files, or raise max_bytes."
+            f"{path.name} has {size / 2**20:.0f} MiB; at most "
+            f"{options.max_bytes / 2**20:.0f} MiB are read at once. Cut it into several files, "
+            "or raise max_bytes."
         )
-    said = ReadingOptions(
-        rate_hz, channels, time_column, time_unit, wrapped, tuple(keep), repeated
-    )
-    missing = MissingPolicy(keep_missing, skip_missing)
-    chosen = None if channels is None else tuple(channels)
-    sheet = open_sheet(path, skip_lines, max_bytes, date_order, chosen)
-    sheet = renamed(sheet, columns)
-    if of_a_piece:
+    missing = MissingPolicy(options.keep_missing, options.skip_missing)
+    chosen = None if options.channels is None else tuple(options.channels)
+    sheet = open_sheet(path, options.skip_lines, options.max_bytes, options.date_order, chosen)
+    sheet = renamed(sheet, options.columns)
+    if options.of_a_piece:
         sheet = dataclasses.replace(sheet, facts=sheet.facts.of_any_length)
     if len(sheet.columns[0].values) < 2 and len(sheet.columns) + len(sheet.tail) < 2 + (
         sheet.facts.found == ()
     ) * len(sheet.columns):
         raise RecordError(f"{path.name} has a single row. Give a record of at least two.")
-    record = _record(path.name, pairs_unwrapped(sheet), said, missing, of_a_piece)
-    plausibility.refuse_beyond(path.name, record.rate_hz) if rate_hz is None else None
-    return in_si(record, units, sensitivities)
+    record = _record(path.name, pairs_unwrapped(sheet), options, missing, options.of_a_piece)
+    if options.rate_hz is None:
+        plausibility.refuse_beyond(path.name, record.rate_hz)
+    return in_si(record, options.units, options.sensitivities)
+
+
+def _refuse_implausible_rate(rate_hz: float | None) -> None:
+    if rate_hz is not None and not MIN_RATE_HZ <= rate_hz <= MAX_RATE_HZ:
+        raise RecordError(
+            f"{rate_hz:g} is not a sampling rate. Give samples per second, from "
+            f"{MIN_RATE_HZ:g} to {MAX_RATE_HZ:g}."
+        )
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)

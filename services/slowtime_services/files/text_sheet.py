@@ -13,9 +13,10 @@ from slowtime_services.files.formats import FORMATS
 from slowtime_services.files.headings.common_unit import stated_unit
 from slowtime_services.files.headings.sampling import find_facts
 from slowtime_services.files.headings.start_time import stated_start
+from slowtime_services.files.reading_options import DateOrder
 from slowtime_services.files.record import RecordError, looks_like_unit
 from slowtime_services.files.sheet import Column, ColumnKind, Sheet
-from slowtime_services.files.times.stamps import DateOrder, read_stamps
+from slowtime_services.files.times.stamps import read_stamps
 from slowtime_services.files.times.zones import stated_zone
 
 from .delimited.column_names import read_heading

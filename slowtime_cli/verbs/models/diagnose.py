@@ -4,10 +4,12 @@ from pathlib import Path
 
 import click
 
+from slowtime_cli.shared.declared import options_of
 from slowtime_cli.shared.deferred import Deferred
-from slowtime_cli.shared.flags import EXISTING, Effects, clock_flags, unit_flags
+from slowtime_cli.shared.flags import EXISTING, READING, Effects
 from slowtime_cli.shared.options import POSITIVE
 from slowtime_cli.shared.report_flags import report_flags
+from slowtime_services.files.reading_options import ReadingOptions
 
 PATIENCE_S, MASSES, MORE = 70.0, 3, 2.0
 """Of `slowtime_services.diagnose.run`, repeated as importing it takes seconds; a test holds
@@ -115,20 +117,7 @@ Examples:
     help="Map a channel of the model to a column of the records, or to a formula of their "
     "columns and single numbers with + - * /: force=gtau*vir; may be repeated.",
 )
-@click.option(
-    "--rate-hz", type=POSITIVE, help="Sampling rate; overrides rates stated in the files."
-)
-@click.option(
-    "--skip-lines",
-    type=click.IntRange(min=0),
-    help="Number of text lines before the header or data.  [default: detected]",
-)
-@click.option(
-    "--time-column",
-    help="Column of time, by name or number; none if there is none.  [default: detected]",
-)
-@clock_flags
-@unit_flags
+@options_of(ReadingOptions, only=set(READING) - {"channels", "columns", "keep"})
 @click.option(
     "--patience",
     "patience_s",

@@ -4,6 +4,7 @@ import os
 import pickle
 import re
 import zipfile
+from typing import get_args
 
 import h5py
 import numpy as np
@@ -11,8 +12,8 @@ import pytest
 import scipy.io
 from mcap.reader import make_reader
 
-from slowtime_cli.shared.flags import TIME_UNITS
 from slowtime_services.files import UNITS
+from slowtime_services.files.reading_options import TimeUnit
 
 RATE = ("--rate-hz", "100")
 
@@ -114,7 +115,7 @@ def test_quiet_leaves_the_notes_out(run, record):
     [
         (("--channels", "nope"), r"No column is called 'nope'\. There are: .*'acc_y'"),
         (("--channels", "7"), r"No column is called '7'"),
-        (("--channels", ","), r"--channels ',' has an empty name"),
+        (("--channels", ","), r"'--channels': ',' has an empty name between two commas"),
         (("--channels", "acc_x,acc_x"), r"A channel was named twice"),
         (("--channels", "time"), r"'time' is the clock of the record, not a channel"),
         (("--columns", "a,b"), r"2 column names were given, a, b, for 3 columns"),
@@ -368,4 +369,4 @@ def test_other_peoples_mcap_says_what_is_in_it(refused, data):
 
 
 def test_the_units_of_the_time_flag_are_those_that_files_know():
-    assert set(TIME_UNITS) == set(UNITS)
+    assert set(get_args(TimeUnit)) == set(UNITS)

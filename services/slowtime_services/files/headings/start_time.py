@@ -4,7 +4,8 @@ import re
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-from slowtime_services.files.times.stamps import DateOrder, read_stamps
+from slowtime_services.files.reading_options import DateOrder
+from slowtime_services.files.times.stamps import read_stamps
 from slowtime_services.files.times.time_units import words_of
 from slowtime_services.files.times.zones import Zone, zone_in
 

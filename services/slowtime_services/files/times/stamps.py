@@ -10,10 +10,11 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Int64
 
+from slowtime_services.files.reading_options import DateOrder
+
 from .zones import ABBREVIATIONS, offset_s
 
 Kind = Literal["stamp", "date", "clock"]
-DateOrder = Literal["dmy", "mdy", "ymd"]
 
 FIRST_YEAR, LAST_YEAR = 1900, 2200
 """Years of records: within what 64 bits of nanoseconds hold, 1678 to 2262."""

@@ -10,9 +10,10 @@ from click.testing import CliRunner
 
 import slowtime as st
 from slowtime.identification.options import IdentifyOptions
-from slowtime_api.declared import parameter_entries, takes
 from slowtime_cli.shared.declared import gathered, options_of
 from slowtime_cli.verbs.records.identify import identify
+from slowtime_services.declared import parameter_entries, takes
+from slowtime_services.files import ReadingOptions
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -63,6 +64,22 @@ def test_a_field_is_a_keyword_with_its_default_and_description():
         sound("a", 2.0)  # type: ignore[call-arg]
 
 
+def test_a_class_that_extends_another_has_its_fields_and_their_descriptions():
+    @dataclasses.dataclass(frozen=True, kw_only=True)
+    class ChoirOptions(SoundOptions):
+        """How many to sound.
+
+        Parameters
+        ----------
+        voices
+            How many voices.
+        """
+
+        voices: int = 1
+
+    assert list(parameter_entries(ChoirOptions)) == ["level", "voice", "voices"]
+
+
 def test_a_field_is_an_option_with_its_default_and_help():
     @click.command()
     @options_of(SoundOptions)
@@ -94,10 +111,13 @@ def test_a_type_without_an_option_is_refused_when_it_is_declared():
         options_of(Odd)
 
 
-def test_every_option_of_identify_is_described_once_and_said_everywhere():
-    declared = parameter_entries(IdentifyOptions)
-    assert set(declared) == set(get_type_hints(IdentifyOptions))
-    python = parameter_entries(st.identify)
+@pytest.mark.parametrize(
+    ("options", "function"), [(IdentifyOptions, st.identify), (ReadingOptions, st.read)]
+)
+def test_every_option_is_described_once_and_said_everywhere(options, function):
+    declared = parameter_entries(options)
+    assert set(declared) == set(get_type_hints(options))
+    python = parameter_entries(function)
     helps = {option.name: getattr(option, "help", "") for option in identify.params}
     for name, text in declared.items():
         assert python[name] == text
