@@ -12,7 +12,6 @@ from typing import Any, TypeVar
 
 import click
 
-from slowtime.identification.options import FileName
 from slowtime_services.declared import alternatives, parameter_entries
 
 from .options import EXISTING, POSITIVE, Names, Real
@@ -89,7 +88,7 @@ def gathered(declared: type[O], flags: dict[str, Any]) -> O:
 def _kind(declared: Any, name: str) -> dict[str, Any]:
     """Type, number and metavar of an option."""
     given = [one for one in alternatives(declared) if one is not types.NoneType]
-    if FileName in given:
+    if any(hasattr(one, "__fspath__") for one in given):
         return {"type": EXISTING}
     (kind,) = given
     if typing.get_origin(kind) is typing.Literal:
