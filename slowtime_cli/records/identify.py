@@ -101,6 +101,7 @@ def identify(
         "rate_hz": record.rate_hz,
         "channels": list(record.channels),
         "duration_s": duration_s,
+        "start_ns": record.start_ns,
         "assumptions": [*record.assumptions, *record.notes, *([said] if said else [])],
     }
     silent = out is not None and str(out) == "-"
@@ -155,6 +156,8 @@ def identify(
                     about={
                         "rate_hz": record.rate_hz,
                         "duration_s": duration_s,
+                        "start_ns": record.start_ns,
+                        "structure": structure_name(model),
                         "sketch": sketch_of_places(known, record.channels),
                     },
                 )
@@ -193,6 +196,13 @@ def reference_modes(
     else:
         found = mode_tables.model_modes(read_any_description(model, note=note), channels)
     return [(hz, None) for hz, _ in found] if mixed else found
+
+
+def structure_name(model: Path | None) -> str:
+    """Name of the structure in a model file; empty without one."""
+    if model is None or model.suffix.lower() in UNIVERSAL:
+        return ""
+    return read_any_description(model, note=lambda _: None).name
 
 
 def note_mixed_units(mixed: str) -> None:

@@ -16,7 +16,7 @@ from slowtime.identification.mode_shapes.criteria import mac, mpc
 from slowtime.identification.modes import Mode
 from slowtime.identification.selection import Selection
 from slowtime.identification.subspace.stabilisation import Stabilisation
-from slowtime_cli.shared.report_flags import report_language
+from slowtime_cli.shared.report_flags import report_language, report_subject
 from slowtime_cli.shared.terminal import show
 from slowtime_services.modal import ENDING, read_modes, selection_text
 from slowtime_services.modal.entries import mode_entry
@@ -206,14 +206,16 @@ def write_report(
 ) -> None:
     """Write table, `extra` sections, spectra, stabilisation diagram and shapes as one page.
 
-    `about` holds rate, duration and sketch of the first page, as `modes_page` takes them.
+    `about` holds rate, duration, start, structure and sketch, as `modes_page` takes them.
 
     Beside a page with a stabilisation diagram stands the file of the choice of modes.
     """
     structural = len(result.structural)
     language = report_language()
     words = Words(language)
-    first = modes_page(name, result, channels, words, **(about or {}))
+    told = dict(about or {})
+    told["structure"] = report_subject() or told.get("structure", "")
+    first = modes_page(name, result, channels, words, **told)
     table = dataclasses.replace(_table(result, models), caption=COLUMNS_TOLD)
     spectra = _spectra(result, captions.spectra)
     sections = [
@@ -231,7 +233,7 @@ def write_report(
         drawn = [_shapes(result, channels)]
         sections.append(Section("Shapes", (), [*drawn, *mac_charts(result, models)]))
     write_page(
-        path, f"{words('kind.modes')}: {name}", first.answer, sections,
+        path, f"{words('kind.modes')}: {first.subject}", first.answer, sections,
         first=first, picture=spectra, language=language,
     )  # fmt: skip
 
@@ -364,5 +366,6 @@ def _shapes(result: ModalResult, channels: Sequence[str]) -> Chart:
             "yaxis": {"title": {"text": "real part, unit norm"}},
         },
         "Real parts of the mode shapes, in the units of the channels; bars are one standard "
-        "deviation. The legend switches modes on and off.",
+        "deviation.",
+        "The legend switches modes on and off.",
     )

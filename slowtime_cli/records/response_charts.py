@@ -57,7 +57,7 @@ def response_sections(
         Chart(
             curves,
             _layout("output over input [dB]"),
-            "Measured frequency responses (points) and those of the identified modes (lines). "
+            "Measured frequency responses (points) and those of the identified modes (lines).",
             "The legend switches pairs on and off.",
         )
     ]

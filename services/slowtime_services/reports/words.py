@@ -1,6 +1,7 @@
 """Words of a first page in each language, and numbers as its readers write them."""
 
 import functools
+import math
 from pathlib import Path
 from typing import Any
 
@@ -56,8 +57,40 @@ class Words:
         text = f"{value:.{digits}g}".replace("-", "−")
         return text.replace(".", ",") if self.language == "de" else text
 
+    def measured(self, value: float, sd: float) -> tuple[str, str]:
+        """Write a number and its standard deviation, to two digits of the latter.
+
+        Examples
+        --------
+        >>> Words().measured(0.08213, 0.1712), Words("de").measured(65.93, 22.9)
+        (('0.08', '0.17'), ('66', '23'))
+        """
+        if not (sd > 0 and math.isfinite(sd) and math.isfinite(value)):
+            return self.number(value), self.number(sd, 2)
+        places = max(1 - math.floor(math.log10(sd)), 0)
+        if places > 6 or abs(value) >= 1e6:
+            return self.number(value, 6), self.number(sd, 2)
+        texts = (f"{number:.{places}f}".replace("-", "−") for number in (value, sd))
+        shown, around = (
+            text.replace(".", ",") if self.language == "de" else text for text in texts
+        )
+        return shown, around
+
+    def whole(self, value: float) -> str:
+        """Write a count with three significant digits and separated thousands.
+
+        Examples
+        --------
+        >>> Words("de").whole(123456.0), Words().whole(17.3)
+        ('123.000', '17')
+        """
+        text = f"{float(f'{value:.3g}'):,.0f}".replace("-", "−")
+        return text.replace(",", ".") if self.language == "de" else text
+
     def probability(self, p: float) -> str:
-        """Write a probability in percent; none is 100 %, as no comparison is of everything."""
+        """Write a probability in percent; none is 0 or 100 %, as nothing compares all."""
+        if p < 1.0 - MOST_SURE:
+            return f"< {self.percent(1.0 - MOST_SURE)}"
         return f"> {self.percent(MOST_SURE)}" if p > MOST_SURE else self.percent(p)
 
     def percent(self, share: float, digits: int = 3) -> str:

@@ -93,6 +93,7 @@ def report(
         ),
         surface=_surface(found, kinds, unknown=unknown) if found.effects or unknown else None,
         notes=notes_of(given, judged, kept, evaluation, kinds, like),
+        exhausted=judged.found.exhausted,
         measured_force=None if closed is None else measured_force(closed, like, found, kinds),
     )  # fmt: skip
     return assemble(given, outcome, findings, kinds)

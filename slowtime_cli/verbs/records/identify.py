@@ -7,7 +7,7 @@ import click
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING, record_flags
 from slowtime_cli.shared.options import POSITIVE, Names, OutFile, Real
-from slowtime_cli.shared.report_flags import language_flag
+from slowtime_cli.shared.report_flags import wording_flags
 
 ALL_CHANNELS = ("modes", "bayes", "efdd", "fdd")
 """Methods that find the modes of all channels together, with shapes."""
@@ -167,7 +167,7 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
     "split). --report writes one beside its page, NAME.selection.yaml, to be edited; a click "
     "on a pole of the page adds an edit.",
 )
-@language_flag
+@wording_flags
 @click.option(
     "--report",
     type=OutFile(".html", ".pdf"),

@@ -13,6 +13,8 @@ from slowtime_services.reports.first_page import (
     FirstPage,
     Sketch,
     level_of,
+    measured_on,
+    subject_of,
 )
 from slowtime_services.reports.words import Words
 
@@ -34,6 +36,8 @@ def modes_page(
     *,
     rate_hz: float | None = None,
     duration_s: float | None = None,
+    start_ns: int | None = None,
+    structure: str = "",
     sketch: Sketch | None = None,
 ) -> FirstPage:
     """Give the first page of a report on modes.
@@ -41,13 +45,17 @@ def modes_page(
     Parameters
     ----------
     name
-        Name of the record.
+        Name of the file of the record.
+    start_ns
+        Time of its first sample [ns since 1970]; None where it does not say.
+    structure
+        Name of the structure; empty where none is known.
     rate_hz, duration_s
         Of the record; None where it is made of frequency responses.
     sketch
         Structure; None where no geometry is known.
     """
-    modes = result.structural
+    modes, subject = result.structural, subject_of(structure, name, words)
     doubts = [_doubts(mode, result, words) for mode in modes]
     clean = [mode for mode, told in zip(modes, doubts, strict=True) if not told]
     facts = [(words("facts.data"), name), (words("facts.channels"), ", ".join(channels))]
@@ -68,8 +76,9 @@ def modes_page(
         confidence = Confidence("low", words("modes.no_confidence"))
     return FirstPage(
         kind="modes",
-        subject=name,
-        question=words("modes.question", name=name),
+        subject=subject,
+        question=words("modes.question", name=subject),
+        measured=measured_on([(start_ns, duration_s)], words),
         answer=_answer(modes, words),
         confidence=confidence,
         actions=list(_actions(modes, clean, words)),
