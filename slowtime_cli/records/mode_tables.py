@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Bool, Complex
@@ -42,12 +42,12 @@ BINS_PER_DECADE = 250
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Captions:
-    """What the charts of a report say of themselves."""
+    """What the charts of a report say of themselves.
 
-    spectra: str = (
-        "Singular values of the spectral matrix of channels scaled to unit variance. Upright "
-        "lines: modes; dashed: lines of machines."
-    )
+    `of` names in the catalogue what the spectra are of: ambient records or responses.
+    """
+
+    of: Literal["ambient", "responses"] = "ambient"
     stabilisation: str = (
         "Poles of subspace models of rising order, each band by itself, over the first "
         "singular value; bars are one standard deviation. A mode is where poles stand above "
@@ -215,13 +215,16 @@ def write_report(
     words = Words(language)
     told = dict(about or {})
     told["structure"] = report_subject() or told.get("structure", "")
+    meant = [(mode, nearest_mode(mode, models)) for mode in result.structural]
+    told["compared"] = [
+        (mode.frequency_hz.value, models[one[0]][0], one[1]) for mode, one in meant if one
+    ]
     first = modes_page(name, result, channels, words, **told)
     table = dataclasses.replace(_table(result, models), caption=COLUMNS_TOLD)
-    spectra = _spectra(result, captions.spectra)
+    spectra = _spectra(result, words(f"modes.picture_{captions.of}"), words)
     sections = [
         Section("Modes", result.notes, [table]),
         *extra,
-        Section("Spectra", (), [spectra]),
     ]
     if len(result.stabilisation.order):
         chart = _stabilisation(result, captions.stabilisation)
@@ -234,7 +237,7 @@ def write_report(
         sections.append(Section("Shapes", (), [*drawn, *mac_charts(result, models)]))
     write_page(
         path, f"{words('kind.modes')}: {first.subject}", first.answer, sections,
-        first=first, picture=spectra, language=language,
+        first=first, picture=spectra, heading="Spectra", language=language,
     )  # fmt: skip
 
 
@@ -246,13 +249,14 @@ def _range(result: ModalResult) -> list[float]:
     return [0.0, highest]
 
 
-def _spectra(result: ModalResult, caption: str) -> Chart:
+def _spectra(result: ModalResult, caption: str, words: Words | None = None) -> Chart:
+    words = words or Words()
     inside = result.spectrum_hz > 0
     traces: list[dict[str, Any]] = [
         {
             "x": result.spectrum_hz[inside].round(6).tolist(),
             "y": (10 * np.log10(np.maximum(values, 1e-300))).round(3).tolist(),
-            "name": f"singular value {number + 1}",
+            "name": words("modes.singular_value", n=number + 1),
             "mode": "lines",
             "line": {"width": 1.5},
         }
@@ -261,8 +265,11 @@ def _spectra(result: ModalResult, caption: str) -> Chart:
     return Chart(
         traces,
         {
-            "xaxis": {"title": {"text": "frequency [Hz]"}, "range": _range(result)},
-            "yaxis": {"title": {"text": "density [dB]"}},
+            "xaxis": {
+                "title": {"text": words("modes.axis_frequency")},
+                "range": _range(result),
+            },
+            "yaxis": {"title": {"text": words("modes.axis_density")}},
             "shapes": [_mark(mode) for mode in result.modes],
         },
         caption,

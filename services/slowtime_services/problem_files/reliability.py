@@ -1,5 +1,6 @@
 """Problems of `slowtime.reliability`, read from YAML, JSON or Python files."""
 
+import dataclasses
 import importlib.util
 import inspect
 import pathlib
@@ -87,7 +88,12 @@ def read_stated_problem(
     file, lines = parse_checked(
         text, path.name, ReliabilityFile, "reliability", ReliabilityFileError
     )
-    return _problem(file, lines, path.name, own), _stated(file)
+    stated = _stated(file)
+    if limit_state is not None:
+        name = f"g of {pathlib.Path(limit_state).name} ≤ 0"
+        told = stated.failure or (inspect.getdoc(own) or "").partition("\n")[0].rstrip(".")
+        stated = dataclasses.replace(stated, formula=name, failure=told)
+    return _problem(file, lines, path.name, own), stated
 
 
 def parse_problem(text: str, name: str) -> Problem:

@@ -14,6 +14,8 @@ class Stated:
         Of the structure.
     failure
         What happens when the limit state is violated, in words.
+    formula
+        Name of the limit state, where it is a function of the owner.
     period
         Time or instant that the probability is of, such as "50 years".
     accepted
@@ -24,6 +26,7 @@ class Stated:
 
     name: str = ""
     failure: str = ""
+    formula: str = ""
     period: str = ""
     accepted: float | None = None
     units: Mapping[str, str] = dataclasses.field(default_factory=dict)

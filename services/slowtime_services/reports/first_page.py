@@ -230,8 +230,11 @@ def _alternatives(page: FirstPage, words: Words) -> Iterator[str]:
     yield f'<aside class="alternatives"><h2>{_escaped(words(f"alternatives.{page.kind}"))}</h2>'
     if page.alternatives:
         yield "<ul>"
-        for one in page.alternatives:
+        for one in page.alternatives[:MOST_ALTERNATIVES]:
             yield f"<li>{_escaped(one.name)} <span>{_escaped(one.measure)}</span></li>"
+        more = len(page.alternatives) - MOST_ALTERNATIVES
+        if more > 0:
+            yield f"<li>{_escaped(words('alternatives_more', n=more))}</li>"
         yield "</ul>"
     else:
         yield f"<p>{_escaped(words(f'no_alternatives.{page.kind}'))}</p>"

@@ -81,6 +81,14 @@ def modes(path: Path, language: str) -> None:
     )
 
 
+def modes_with_shapes(path: Path, language: str) -> None:
+    """Write a report on modes with their shapes, whose legend switches them."""
+    result, words = modal_result(), Words(language)
+    first = modes_page("tower.csv", result, CHANNELS, words)
+    shapes = Section("Shapes", (), [mode_tables._shapes(result, CHANNELS)])
+    write_page(path, "Modes", first.answer, [shapes], first=first, language=language)
+
+
 def diagnosis(path: Path, language: str) -> None:
     """Write the report of a slide that grows stiffer."""
     found = told()

@@ -266,8 +266,8 @@ def test_a_mode_that_may_be_another_or_a_line_is_no_mode_without_reservations():
     assert page.confidence.level == "low"
     assert page.confidence.number.startswith("1 of 4 modes are without reservations")
     assert {one.name: one.measure for one in page.alternatives} == {
-        "2.5 Hz": "the channels do not tell it from 3.1 Hz",
-        "3.1 Hz": "the channels do not tell it from 2.5 Hz",
+        "2.5; 3.1 Hz": "the channels do not tell them apart: some may be one mode, or its "
+        "vibration at another frequency",
         "10.05 Hz": "stands beside the line of a machine",
         "10 Hz": "the line of a machine, which may hide a mode",
     }

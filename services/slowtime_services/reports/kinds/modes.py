@@ -23,6 +23,9 @@ ALIKE = 0.9
 of two measurements count as those of one mode."""
 MOST_DOUBTS = 2
 """Doubts about one mode that the first page tells [1]: the table below has flags and shapes."""
+MOST_LISTED = 10
+"""Frequencies that a first page lists [1]: two lines."""
+Compared = tuple[float, float, float | None]
 SDS_OF_LINE = 3.0
 """Distance of a mode from a machine line [standard deviations] up to which it may be that
 line. Source: chance exceeds it in 0.3 %."""
@@ -38,6 +41,7 @@ def modes_page(
     duration_s: float | None = None,
     start_ns: int | None = None,
     structure: str = "",
+    compared: Sequence[Compared] = (),
     sketch: Sketch | None = None,
 ) -> FirstPage:
     """Give the first page of a report on modes.
@@ -52,11 +56,19 @@ def modes_page(
         Name of the structure; empty where none is known.
     rate_hz, duration_s
         Of the record; None where it is made of frequency responses.
+    compared
+        Of each mode that a model has as well: both frequencies [Hz], and the MAC where the
+        model has shapes.
     sketch
         Structure; None where no geometry is known.
     """
     modes, subject = result.structural, subject_of(structure, name, words)
-    doubts = [_doubts(mode, result, words) for mode in modes]
+    groups = _groups(modes)
+    grouped = {row for group in groups for row in group}
+    doubts = [
+        _doubts(mode, result, words) + [words("modes.alike")] * (row in grouped)
+        for row, mode in enumerate(modes)
+    ]
     clean = [mode for mode, told in zip(modes, doubts, strict=True) if not told]
     facts = [(words("facts.data"), name), (words("facts.channels"), ", ".join(channels))]
     if rate_hz is not None:
@@ -81,8 +93,9 @@ def modes_page(
         measured=measured_on([(start_ns, duration_s)], words),
         answer=_answer(modes, words),
         confidence=confidence,
-        actions=list(_actions(modes, clean, words)),
-        alternatives=list(_alternatives(result, doubts, words)),
+        actions=list(_actions(modes, clean, words, compared=bool(compared))),
+        alternatives=list(_alternatives(result, groups, doubts, words)),
+        definition=_definition(clean, compared, words),
         facts=facts,
         sketch=sketch,
     )
@@ -109,17 +122,19 @@ def _answer(modes: Sequence[Mode], words: Words) -> str:
     return words("modes.answer", n=len(modes), low=low, high=high, **_estimate(modes[0], words))
 
 
-def _actions(modes: Sequence[Mode], clean: Sequence[Mode], words: Words) -> Iterator[str]:
+def _actions(
+    modes: Sequence[Mode], clean: Sequence[Mode], words: Words, *, compared: bool
+) -> Iterator[str]:
     if not modes:
         yield words("modes.do_longer")
         return
     if len(clean) < len(modes):
         yield words("modes.do_choose")
-    yield words("modes.do_use")
+    yield words("modes.do_refit" if compared else "modes.do_use")
 
 
 def _doubts(mode: Mode, result: ModalResult, words: Words) -> list[str]:
-    """Say what a mode is flagged for, and why it may be another mode or no mode."""
+    """Say what a mode is flagged for, and why it may be no mode."""
     told = [flag.replace("_", " ") for flag in mode.flags]
     own = mode.frequency_hz
     for other in result.modes:
@@ -128,18 +143,53 @@ def _doubts(mode: Mode, result: ModalResult, words: Words) -> list[str]:
             width = mode.damping_ratio.value * own.value
             near = max(SDS_OF_LINE * np.hypot(own.sd, sd), np.nan_to_num(width))
             told += [words("modes.beside_line")] if away <= near else []
-        elif other is not mode and len(mode.shape) > 1 and mac(mode.shape, other.shape) > ALIKE:
-            hz = f"{words.number(other.frequency_hz.value, 4)} Hz"
-            told.append(words("modes.alike", other=hz))
     return list(dict.fromkeys(told))
 
 
+def _groups(modes: Sequence[Mode]) -> list[list[int]]:
+    """Group modes that the channels do not tell apart: each is like another of its group."""
+    group = list(range(len(modes)))
+    for row, mode in enumerate(modes):
+        for other in range(row):
+            if len(mode.shape) > 1 and mac(mode.shape, modes[other].shape) > ALIKE:
+                old, new = group[row], group[other]
+                group = [new if one == old else one for one in group]
+    found = [[row for row, one in enumerate(group) if one == name] for name in set(group)]
+    return sorted(rows for rows in found if len(rows) > 1)
+
+
+def _listed(modes: Sequence[Mode], words: Words) -> str:
+    """List frequencies; of many the first, and how many more there are."""
+    shown = [words.number(mode.frequency_hz.value, 4) for mode in modes[:MOST_LISTED]]
+    more = len(modes) - len(shown)
+    rest = f" {words('modes.more', n=more)}" if more else ""
+    return f"{'; '.join(shown)} Hz{rest}"
+
+
+def _definition(clean: Sequence[Mode], compared: Sequence[Compared], words: Words) -> str:
+    said = [words("modes.clean", listed=_listed(clean, words))] if clean else []
+    if compared:
+        hz, own, _ = max(compared, key=lambda one: abs(np.log(one[0] / one[1])))
+        told = words.percent(hz / own - 1.0, 2)
+        at = words.number(hz, 4)
+        said.append(words("modes.compared", n=len(compared), most=told, at=at))
+        alike = [one[2] for one in compared if one[2] is not None]
+        if alike:
+            said.append(words("modes.least_mac", mac=words.number(min(alike), 2)))
+    return " ".join([*said, words("modes.sd")])
+
+
 def _alternatives(
-    result: ModalResult, doubts: Sequence[list[str]], words: Words
+    result: ModalResult, groups: Sequence[list[int]], doubts: Sequence[list[str]], words: Words
 ) -> Iterator[Alternative]:
     """Give modes that may be something else, then lines of machines."""
     lines = [mode for mode in result.modes if mode.kind != "structural"]
-    for mode, told in zip(result.structural, doubts, strict=True):
+    for rows in groups:
+        of_group = [result.structural[row] for row in rows]
+        yield Alternative(_listed(of_group, words), words("modes.alike"))
+    alike = words("modes.alike")
+    for mode, every in zip(result.structural, doubts, strict=True):
+        told = [one for one in every if one != alike]
         if told:
             hz = f"{words.number(mode.frequency_hz.value, 4)} Hz"
             yield Alternative(hz, ", ".join(told[:MOST_DOUBTS]))

@@ -99,7 +99,7 @@ def reliability_page(
         alternatives=[_alternative(one, words) for one in others],
         facts=[
             (words("facts.data"), name),
-            (words("facts.inputs"), _named(problem.names)),
+            (words("facts.inputs"), _named(problem.names, stated)),
             (words("facts.method"), best.method),
             (words("facts.calls"), str(best.calls)),
             (words("facts.seed"), str(seed)),
@@ -141,7 +141,7 @@ def limit_state_text(problem: Problem) -> str:
 
 
 def _definition(problem: Problem, stated: Stated, words: Words) -> str:
-    formula = limit_state_text(problem)
+    formula = stated.formula or limit_state_text(problem)
     if len(formula) > MOST_LETTERS:
         formula = f"{formula[:MOST_LETTERS].rsplit(' ', 1)[0]} …"
     if stated.failure:
@@ -153,8 +153,11 @@ def _definition(problem: Problem, stated: Stated, words: Words) -> str:
     return f"{failure} {words('reliability.no_period')}"
 
 
-def _named(names: Sequence[str]) -> str:
-    """List names; of many the first, and how many there are."""
+def _named(inputs: Sequence[str], stated: Stated) -> str:
+    """List inputs with their units; of many the first, and how many there are."""
+    names = [
+        f"{name} [{stated.units[name]}]" if name in stated.units else name for name in inputs
+    ]
     if len(names) <= MOST_NAMED:
         return ", ".join(names)
     return f"{', '.join(names[:MOST_NAMED])}, … ({len(names)})"
@@ -198,7 +201,8 @@ def _actions(
     best: Result, found: Sequence[Result], problem: Problem, stated: Stated, words: Words
 ) -> Iterator[str]:
     verdict = _verdict(best, stated)
-    if verdict != "unstated":
+    # What an approximation says of an accepted probability is no reason to rest.
+    if verdict != "unstated" and (best.interval is not None or verdict == "exceeded"):
         yield words(f"reliability.do_{verdict}")
     for warning in best.warnings:
         yield words("reliability.do_warning", method=best.method, warning=warning)
@@ -268,7 +272,8 @@ def _sections(
     notes += [f"{method} cannot be applied: {said}" for method, said in refused.items()]
     caption = "β = −Φ⁻¹(P_f); c.o.v. is the standard deviation of the estimate over itself."
     yield Section("Results", notes, [Table(heads, rows, caption)])
-    yield Section("Failure", [limit_state_text(problem)], [_inputs(problem, stated)])
+    formula = stated.formula or limit_state_text(problem)
+    yield Section("Failure", [formula], [_inputs(problem, stated)])
     points = next((one.design_points for one in found if one.design_points), ())
     listed = [
         (str(k), f"{point.beta:.3f}", name, f"{point.x[i]:.5g}",
