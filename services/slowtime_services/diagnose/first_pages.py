@@ -8,7 +8,7 @@ import numpy as np
 from slowtime.discrepancy.diagnosis import Diagnosis
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.elements import BASE
-from slowtime_schemas.files.diagnosis import DiagnosisFile, FoundEffect
+from slowtime_schemas.files.diagnosis import DiagnosisFile, FoundEffect, Where
 from slowtime_services.reports import (
     Alternative,
     Confidence,
@@ -21,7 +21,7 @@ from slowtime_services.reports import (
     subject_of,
 )
 
-from .labels import labelled, named, number, placed
+from .labels import labelled, named, number
 
 MOST_RIVALS, LEAST = 4, 0.01
 """Rivals that stand beside the answer [1], and the least probability of one [1]. Source: below
@@ -45,7 +45,7 @@ def diagnosis_page(
 
     `structure` names it; the model's own name where empty.
     """
-    places = [placed(e.where.kind, e.where.id) for e in document.effects]
+    places = [place_in(e.where, words) for e in document.effects]
     files = [*document.records, *document.holdout]
     name = subject_of(structure or document.model, files[0] if files else "–", words)
     measured = [(round(first * 1e9), last - first) for first, last in document.measured_s]
@@ -57,7 +57,7 @@ def diagnosis_page(
         answer=_answer(document, words),
         confidence=_confidence(document, words),
         measured=measured_on(measured, words),
-        actions=list(_actions(diagnosis, document, words)),
+        actions=list(dict.fromkeys(_actions(diagnosis, document, words))),
         alternatives=list(_rivals(document, words)),
         improvement=Improvement(
             given=100 * gap.nominal,
@@ -78,11 +78,21 @@ def diagnosis_page(
     )
 
 
+def effect_in(kind: str, words: Words) -> str:
+    """Name an effect in the report's language; one of an owner by its own name."""
+    return words.known(f"effect.{kind}") or named(kind)
+
+
+def place_in(where: Where, words: Words) -> str:
+    """Name a place in the report's language."""
+    return words(f"place.{where.kind}", name=where.id)
+
+
 def _effect(effect: FoundEffect, words: Words) -> str:
-    place = placed(effect.where.kind, effect.where.id)
-    what = words("diagnosis.at", effect=named(effect.effect), place=place)
+    place = place_in(effect.where, words)
+    what = words("diagnosis.at", effect=effect_in(effect.effect, words), place=place)
     numbers = [
-        f"{labelled(name, n.unit)} {number(n)}"
+        f"{labelled(name, n.unit)} {words.localised(number(n))}"
         for name, n in effect.parameters.items()
         if n.sd > 0
     ][:MOST_NUMBERS]
@@ -135,8 +145,8 @@ def _rivals(document: DiagnosisFile, words: Words) -> Iterator[Alternative]:
     every += document.undecided
     every.sort(key=lambda rival: -rival.probability)
     for rival in [one for one in every if one.probability >= LEAST][:MOST_RIVALS]:
-        place = placed(rival.where.kind, rival.where.id)
-        name = words("diagnosis.at", effect=named(rival.effect), place=place)
+        place = place_in(rival.where, words)
+        name = words("diagnosis.at", effect=effect_in(rival.effect, words), place=place)
         measure = words("diagnosis.probability", p=words.number(rival.probability, 2))
         yield Alternative(name, measure)
 
@@ -164,7 +174,11 @@ def _actions(diagnosis: Diagnosis, document: DiagnosisFile, words: Words) -> Ite
         )
     if document.verdict == "missing_effect":
         for effect in document.effects:
-            place = placed(effect.where.kind, effect.where.id)
+            place = place_in(effect.where, words)
+            if effect.where.kind in ("sensor", "input"):
+                fault = effect_in(effect.effect, words)
+                yield words("diagnosis.do_sensor", place=place, effect=fault)
+                continue
             stated = effect.where.kind != "element" or effect.where.id in joined
             key = "diagnosis.do_inspect" if stated else "diagnosis.do_join"
             yield words(key, place=place)
@@ -175,8 +189,10 @@ def _actions(diagnosis: Diagnosis, document: DiagnosisFile, words: Words) -> Ite
         yield words("diagnosis.do_keep_refitted")
     elif document.verdict in ("sensor_fault", "input_fault"):
         for effect in document.effects:
-            place = placed(effect.where.kind, effect.where.id)
-            yield words("diagnosis.do_sensor", place=place, effect=named(effect.effect))
+            place = place_in(effect.where, words)
+            yield words(
+                "diagnosis.do_sensor", place=place, effect=effect_in(effect.effect, words)
+            )
     elif not document.experiment:
         yield words("diagnosis.do_more")
 
@@ -252,9 +268,11 @@ def history_page(
 
     def told(effect: Mapping[str, Any]) -> str:
         if not effect["covariate"]:
-            return named(effect["effect"])
+            return effect_in(effect["effect"], words)
         return words(
-            "diagnosis.follows", effect=named(effect["effect"]), place=effect["covariate"]
+            "diagnosis.follows",
+            effect=effect_in(effect["effect"], words),
+            place=effect["covariate"],
         )
 
     least = min((effect["probability"] for effect in effects), default=None)

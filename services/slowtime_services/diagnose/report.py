@@ -29,7 +29,9 @@ def write_report(
     words = Words(language)
     first = diagnosis_page(diagnosis, document, words, structure=structure)
     title = f"{VERDICTS[document.verdict]}: {first.subject}"
-    runs = run_charts(diagnosis, PICTURE_SAMPLES)
+    runs = [
+        _in_words(one, diagnosis, words) for one in run_charts(diagnosis, PICTURE_SAMPLES)[:1]
+    ]
     gap = gap_chart(document)
     write_page(
         path, title, document.sentence,
@@ -37,6 +39,20 @@ def write_report(
         first=first, picture=runs[0] if runs else gap, heading="" if runs else "The gap",
         language=language,
     )  # fmt: skip
+
+
+def _in_words(chart: Chart, diagnosis: Diagnosis, words: Words) -> Chart:
+    """Write the lines, axis and caption of the first sensor's runs in a language."""
+    lines = ("measured", "nominal", "augmented")
+    data = [
+        {**line, "name": words(f"diagnosis.line_{name}")}
+        for line, name in zip(chart.data, lines, strict=True)
+    ]
+    sensor, times_s = diagnosis.nominal.sensors[0], chart.data[0]["x"]
+    layout = {**chart.layout, "xaxis": {"title": {"text": words("diagnosis.axis_time")}}}
+    span = words.number(times_s[-1] - times_s[0])
+    told = words("diagnosis.picture", channel=sensor.channel, unit=sensor.unit, span=span)
+    return Chart(data, layout, told)
 
 
 def _sections(

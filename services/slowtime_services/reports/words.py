@@ -45,6 +45,15 @@ class Words:
         """Return a message with values in the places of their names."""
         return str(self._messages["messages"][key]).format(**values)
 
+    def known(self, key: str) -> str | None:
+        """Return a message without values; None where there is none of that key."""
+        found: str | None = self._messages["messages"].get(key)
+        return found
+
+    def localised(self, number: str) -> str:
+        """Write the decimal marks of a written number as this language has them."""
+        return number.replace(".", ",") if self.language == "de" else number
+
     def heading(self, english: str) -> str | None:
         """Return a heading of details in this language; None where it has none."""
         if self.language == "en" or not english:
@@ -55,7 +64,7 @@ class Words:
     def number(self, value: float, digits: int = 3) -> str:
         """Write a number with so many significant digits."""
         text = f"{value:.{digits}g}".replace("-", "−")
-        return text.replace(".", ",") if self.language == "de" else text
+        return self.localised(text)
 
     def measured(self, value: float, sd: float) -> tuple[str, str]:
         """Write a number and its standard deviation, to two digits of the latter.
@@ -71,9 +80,7 @@ class Words:
         if places > 6 or abs(value) >= 1e6:
             return self.number(value, 6), self.number(sd, 2)
         texts = (f"{number:.{places}f}".replace("-", "−") for number in (value, sd))
-        shown, around = (
-            text.replace(".", ",") if self.language == "de" else text for text in texts
-        )
+        shown, around = map(self.localised, texts)
         return shown, around
 
     def whole(self, value: float) -> str:

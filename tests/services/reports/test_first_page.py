@@ -43,7 +43,7 @@ SAYS = {
     ("diagnosis", "en"): ["What does the model slide lack?", "cubic hardening at element j",
                           "gap symmetric", "Against the model as given the error falls by",
                           "Against the refitted model", "50 Hz", "learn.npz", "element j"],
-    ("diagnosis", "de"): ["Was fehlt dem Modell slide?", "cubic hardening an element j",
+    ("diagnosis", "de"): ["Was fehlt dem Modell slide?", "kubische Versteifung an Element j",
                           "Gegenüber dem gegebenen Modell sinkt der Fehler um",
                           "Gegenüber dem angepassten Modell"],
     ("reliability", "en"): ["How probable is a failure of Beam?", "Data beam.yaml",
