@@ -165,11 +165,12 @@ def _actions(diagnosis: Diagnosis, document: DiagnosisFile, words: Words) -> Ite
     for finding in document.findings:
         yield words("diagnosis.do_channel", name=finding.channel, fault=named(finding.fault))
     for moved in document.moved:
+        value, sd = words.measured(moved.value, moved.sd)
         yield words(
             "diagnosis.do_constant",
             name=moved.name,
-            value=words.number(moved.value, 5),
-            sd=words.number(moved.sd, 2),
+            value=value,
+            sd=sd,
             unit=moved.unit,
         )
     if document.verdict == "missing_effect":

@@ -9,6 +9,10 @@ from slowtime_services.documents.document_files import read_json_file
 
 FOLDER = Path(__file__).parent / "messages"
 LANGUAGES = ("en", "de")
+LEAST_POWER = 1e7
+"""Numbers from here on are written with a power of ten [1]: eight digits are not read."""
+
+RAISED = str.maketrans("0123456789−", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 MOST_SURE = 0.999
 """Probability [1] beyond which only a bound is written. Source: what was not compared at all
 has a probability, too."""
@@ -62,9 +66,21 @@ class Words:
         return found
 
     def number(self, value: float, digits: int = 3) -> str:
-        """Write a number with so many significant digits."""
-        text = f"{value:.{digits}g}".replace("-", "−")
-        return self.localised(text)
+        """Write a number with so many significant digits.
+
+        Examples
+        --------
+        >>> Words().number(3123.4), Words().number(4.2e-5), Words("de").number(0.1234)
+        ('3,120', '4.2·10⁻⁵', '0,123')
+        """
+        if 10.0**digits <= abs(value) < LEAST_POWER:
+            return self.whole(value, digits)
+        mantissa, _, exponent = f"{value:.{digits}g}".replace("-", "−").partition("e")
+        text = self.localised(mantissa)
+        if not exponent:
+            return text
+        power = exponent.lstrip("+").replace("−0", "−").lstrip("0").translate(RAISED)
+        return f"{text}·10{power}"
 
     def measured(self, value: float, sd: float) -> tuple[str, str]:
         """Write a number and its standard deviation, to two digits of the latter.
@@ -83,15 +99,15 @@ class Words:
         shown, around = map(self.localised, texts)
         return shown, around
 
-    def whole(self, value: float) -> str:
-        """Write a count with three significant digits and separated thousands.
+    def whole(self, value: float, digits: int = 3) -> str:
+        """Write a count with so many significant digits and separated thousands.
 
         Examples
         --------
         >>> Words("de").whole(123456.0), Words().whole(17.3)
         ('123.000', '17')
         """
-        text = f"{float(f'{value:.3g}'):,.0f}".replace("-", "−")
+        text = f"{float(f'{value:.{digits}g}'):,.0f}".replace("-", "−")
         return text.replace(",", ".") if self.language == "de" else text
 
     def probability(self, p: float) -> str:

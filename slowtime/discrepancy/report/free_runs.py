@@ -75,7 +75,9 @@ def report(
         near_unknown=found.near_unknown,
         moved=moved_constants(kept, given),
         experiment=propose_experiment(found.pair or (), trials, kinds) if doubted else None,
-        nothing_probability=_nothing(found, located),
+        nothing_probability=(
+            white_p_value if unknown and not found.effects else _nothing(found, located)
+        ),
         where=_suspects(located),
         when=_when(located, given.unit_of_coordinate) if found.effects else NEVER,
         gap=_gap(() if unknown else found.effects, evaluation, kept),
