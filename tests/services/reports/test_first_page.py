@@ -39,7 +39,7 @@ SAYS = {
                       "Measured (UTC) 2026-03-04 10:20", "2.5 ± 0.005 Hz",
                       "1.2 ± 0.1 %", "7 Hz", "few orders", "10 Hz", "40 Hz", "600 s"],
     ("modes", "de"): ["Welche Moden hat „tower“?", "2,5 ± 0,005 Hz", "1,2 ± 0,1 %",
-                      "Abtastrate", "eine Mode verdecken"],
+                      "Abtastrate", "eine Mode verdecken können"],
     ("diagnosis", "en"): ["What does the model slide lack?", "cubic hardening at element j",
                           "gap symmetric", "Against the model as given the error falls by",
                           "Against the refitted model", "50 Hz", "learn.npz", "element j"],
@@ -269,7 +269,7 @@ def test_a_mode_that_may_be_another_or_a_line_is_no_mode_without_reservations():
         "2.5; 3.1 Hz": "the channels do not tell them apart: some may be one mode, or its "
         "vibration at another frequency",
         "10.05 Hz": "stands beside the line of a machine",
-        "10 Hz": "the line of a machine, which may hide a mode",
+        "10 Hz": "lines of machines, which may hide a mode",
     }
 
 

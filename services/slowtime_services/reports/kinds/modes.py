@@ -130,7 +130,12 @@ def _actions(
         return
     if len(clean) < len(modes):
         yield words("modes.do_choose")
-    yield words("modes.do_refit" if compared else "modes.do_use")
+        if level_of(len(clean) / len(modes)) == "low":
+            yield words("modes.do_better")
+    if compared:
+        yield words("modes.do_refit")
+    elif clean:
+        yield words("modes.do_use" if len(clean) == len(modes) else "modes.do_use_clean")
 
 
 def _doubts(mode: Mode, result: ModalResult, words: Words) -> list[str]:
@@ -170,7 +175,7 @@ def _definition(clean: Sequence[Mode], compared: Sequence[Compared], words: Word
     said = [words("modes.clean", listed=_listed(clean, words))] if clean else []
     if compared:
         hz, own, _ = max(compared, key=lambda one: abs(np.log(one[0] / one[1])))
-        told = words.percent(hz / own - 1.0, 2)
+        told = words.percent(abs(hz / own - 1.0), 2)
         at = words.number(hz, 4)
         said.append(words("modes.compared", n=len(compared), most=told, at=at))
         alike = [one[2] for one in compared if one[2] is not None]
@@ -193,6 +198,5 @@ def _alternatives(
         if told:
             hz = f"{words.number(mode.frequency_hz.value, 4)} Hz"
             yield Alternative(hz, ", ".join(told[:MOST_DOUBTS]))
-    for line in lines:
-        hz = f"{words.number(line.frequency_hz.value, 4)} Hz"
-        yield Alternative(hz, words("modes.machine"))
+    if lines:
+        yield Alternative(_listed(lines, words), words("modes.machine"))

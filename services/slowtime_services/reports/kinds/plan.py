@@ -166,7 +166,8 @@ def _answer(plan: Answer, words: Words) -> str:
         said.append(words(f"plan.{last['status']}"))
     horizon = _span(plan, plan["horizon"]["ahead"], words)
     cost = _money(plan, best["cost"]["value"], words)
-    said.append(words("plan.cost", cost=cost, horizon=horizon))
+    if act != "undecided":
+        said.append(words("plan.cost", cost=cost, horizon=horizon))
     return " ".join(said)
 
 
@@ -212,9 +213,14 @@ def _actions(plan: Answer, words: Words) -> Iterator[str]:
     if plan["decided"]:
         yield words("plan.do_option", name=option_words(plan["options"][0], plan, words))
     elif plan["difference"] is not None:
-        best, other = _compared(plan, words)
-        value = _money(plan, plan["difference"]["value"], words)
-        yield words("plan.do_undecided", best=best, other=other, value=value)
+        best = _compared(plan, words)[0]
+        yield words(
+            "plan.do_undecided",
+            best=best,
+            cost=_money(plan, plan["options"][0]["cost"]["value"], words),
+            horizon=_span(plan, plan["horizon"]["ahead"], words),
+            value=_money(plan, plan["difference"]["value"], words),
+        )
     if last["status"] == "due":
         yield words("plan.do_order", when=_moment(plan, last["order"], words))
     if plan["action"] == "repair" and last["now_effect"] is not None:
@@ -229,7 +235,8 @@ def _actions(plan: Answer, words: Words) -> Iterator[str]:
 
 def _facts(plan: Answer, words: Words) -> Iterator[tuple[str, str]]:
     last = plan["last_order"]
-    since = f"{words.number(plan['since'], 6)} {plan['slow_time_unit'] or ''}".strip()
+    own = unit_of({**plan, "time_unit": "slow_time"}, words)
+    since = f"{words.number(plan['since'], 6)} {own}"
     told = plan["times"][0]["t"]
     yield words("facts.since"), f"{since} ({told[:10]})" if told and _is_dated(plan) else since
     yield words("facts.horizon"), _span(plan, plan["horizon"]["ahead"], words)
@@ -255,7 +262,7 @@ def _costs(plan: Answer, words: Words) -> Iterator[str]:
             amount = amount.replace(
                 f" {plan['currency']}", f" ± {_money(plan, one['sd'], words)}"
             )
-        per = words("plan.per", unit=unit_of(plan, words)) if name in PER_TIME else ""
+        per = words(f"plan.per.{plan['time_unit']}") if name in PER_TIME else ""
         yield f"{words(f'plan.item.{name}')} {amount} {per}".rstrip()
     for one in plan["information"]:
         if one["cost"] > 0 and one["kind"] == "readings":
@@ -294,22 +301,22 @@ def _amount(amount: float, largest: float) -> str:
 
 def _cost_table(plan: Answer) -> Table:
     """List every cost and time that the plan counts."""
-    costs, unit, english = plan["costs"], plan["slow_time_unit"], Words()
-    unit = english(f"unit.{plan['time_unit']}") if plan["time_unit"] != "slow_time" else unit
+    costs, english = plan["costs"], Words()
+    unit, per = unit_of(plan, english), english(f"plan.per.{plan['time_unit']}")
     rows = []
     for name, one in costs.items():
         title = english(f"plan.item.{name}")
         if one is None:
             rows.append((title, "–", "", "not on offer"))
         elif isinstance(one, Mapping):
-            each = f"{plan['currency']} per {unit}" if name in PER_TIME else plan["currency"]
+            each = f"{plan['currency']} {per}" if name in PER_TIME else plan["currency"]
             rows.append((title, f"{one['mean']:,.6g}", f"{one['sd']:,.6g}", each))
         elif name == "discount_rate":
-            rows.append((title, f"{100 * one:.3g}", "", f"% per {unit}"))
+            rows.append((title, f"{100 * one:.3g}", "", f"% {per}"))
         else:
-            rows.append((title, f"{one:.4g}", "", str(unit)))
+            rows.append((title, f"{one:.4g}", "", unit))
     lead = plan["last_order"]["lead_time"]
-    rows.append(("from the order of a repair to its effect", f"{lead:.4g}", "", str(unit)))
+    rows.append(("from the order of a repair to its effect", f"{lead:.4g}", "", unit))
     months = ", ".join(map(str, plan["months"])) or "every"
     rows.append(("months in which a repair can take effect", months, "", "month of the year"))
     rows += [
