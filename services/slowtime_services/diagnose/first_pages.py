@@ -57,6 +57,7 @@ def diagnosis_page(
         answer=_answer(document, words),
         confidence=_confidence(document, words),
         measured=measured_on(measured, words),
+        definition=words("sd") if document.effects or document.moved else "",
         actions=list(dict.fromkeys(_actions(diagnosis, document, words))),
         alternatives=list(_rivals(document, words)),
         improvement=Improvement(

@@ -59,7 +59,7 @@ for (const place of document.querySelectorAll('.chart')) {
   place.textContent = '';
   const axes = Object.fromEntries(Object.entries(layout).filter(([k]) => /^[xy]axis/.test(k))
     .map(([k, v]) => [k, { gridcolor: line, zerolinecolor: line, automargin: true, ...v }]));
-  Plotly.newPlot(place, data, { margin: { t: 24, r: 16 }, paper_bgcolor: 'rgba(0,0,0,0)',
+  Plotly.newPlot(place, data, { margin: { t: 24, r: 16, b: 44 }, paper_bgcolor: 'rgba(0,0,0,0)',
     plot_bgcolor: 'rgba(0,0,0,0)', modebar: { bgcolor: 'rgba(0,0,0,0)' },
     font: { color: ink }, legend: { orientation: 'h', y: 1.02, yanchor: 'bottom' },
     ...layout, ...axes }, { responsive: true, displaylogo: false });

@@ -181,7 +181,7 @@ def _definition(clean: Sequence[Mode], compared: Sequence[Compared], words: Word
         alike = [one[2] for one in compared if one[2] is not None]
         if alike:
             said.append(words("modes.least_mac", mac=words.number(min(alike), 2)))
-    return " ".join([*said, words("modes.sd")])
+    return " ".join([*said, words("sd")])
 
 
 def _alternatives(

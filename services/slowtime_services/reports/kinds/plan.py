@@ -226,10 +226,10 @@ def _actions(plan: Answer, words: Words) -> Iterator[str]:
     if plan["action"] == "repair" and last["now_effect"] is not None:
         when = _moment(plan, last["now_effect"], words)
         yield words("plan.do_now", when=when, p=words.percent(last["now_probability"], 2))
-    best = plan["information"][0] if plan["information"] else None
-    if best is not None and best["net"] > 0 and best["cost"] > 0:
-        net = _money(plan, best["net"], words)
-        yield words("plan.do_inform", name=best["name"], net=net)
+    first = plan["information"][0] if plan["information"] else None
+    if first is not None and first["net"] > 0 and first["cost"] > 0:
+        net = _money(plan, first["net"], words)
+        yield words("plan.do_inform", name=first["name"], net=net)
     yield words("plan.do_again")
 
 

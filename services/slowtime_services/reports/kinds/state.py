@@ -120,7 +120,7 @@ def state_page(
         bounds = [words.number(100 * (abs(v) + 1.96 * sd), 2) for _, v, sd, _ in known]
         within = " / ".join(bounds)
         confidence = Confidence(level_of(SURE), words("state.confidence_bound", most=within))
-    definition = f"{_reference(reference, words)} {words('state.sd')}"
+    definition = f"{_reference(reference, words)} {words('sd')}"
     if ratio is not None:
         parts = {
             name: " ± ".join(words.measured(100 * value, 100 * sd))
