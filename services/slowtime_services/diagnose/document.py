@@ -83,14 +83,19 @@ def document_of(
         model=diagnosis.nominal.name,
         records=tuple(records),
         holdout=tuple(holdout),
-        measured_s=tuple(
-            (record.start_ns / 1e9, record.start_ns / 1e9 + record.duration_s)
-            for record in measured
-            if record.start_ns is not None
-        ),
+        measured_s=_spans_s(measured),
         ended=ended,
         seconds=diagnosis.seconds,
     )  # fmt: skip
+
+
+def _spans_s(records: Sequence[Record]) -> tuple[file.Span, ...]:
+    """Begin and end of each record that states its time."""
+    return tuple(
+        (record.start_ns / 1e9, record.start_ns / 1e9 + record.duration_s)
+        for record in records
+        if record.start_ns is not None
+    )
 
 
 def _effect(named: NamedEffect) -> file.FoundEffect:

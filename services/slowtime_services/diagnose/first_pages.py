@@ -57,7 +57,6 @@ def diagnosis_page(
         answer=_answer(document, words),
         confidence=_confidence(document, words),
         measured=measured_on(measured, words),
-        definition=words("sd") if document.effects or document.moved else "",
         actions=list(dict.fromkeys(_actions(diagnosis, document, words))),
         alternatives=list(_rivals(document, words)),
         improvement=Improvement(
@@ -133,7 +132,7 @@ def _confidence(document: DiagnosisFile, words: Words) -> Confidence:
     if document.effects:
         least = min(effect.probability for effect in document.effects)
         told = words("diagnosis.confidence", p=words.probability(least))
-        return Confidence(level_of(least), told)
+        return Confidence(level_of(least), f"{told} {words('sd')}")
     told = words("diagnosis.confidence_nothing", p=words.probability(nothing))
     return Confidence(level_of(nothing), told)
 
@@ -279,7 +278,7 @@ def history_page(
 
     least = min((effect["probability"] for effect in effects), default=None)
     if least is None:
-        confidence = Confidence("medium", "")
+        confidence = _history_confidence(document, words)
     else:
         number_ = words.number(least, 3)
         confidence = Confidence(level_of(least), words("diagnosis.confidence", p=number_))
@@ -311,13 +310,26 @@ def history_page(
             unit="%",
             meaning=words("diagnosis.meaning_history"),
         ),
-        facts=[
-            (words("facts.data"), document["of"]),
-            (words("facts.epochs"), str(document["readings"])),
-            (words("facts.from"), f"{words.number(document['since'], 6)} {unit}"),
-            (words("facts.until"), f"{words.number(document['until'], 6)} {unit}"),
-        ],
+        facts=list(_history_facts(document, words)),
     )
+
+
+def _history_confidence(document: Mapping[str, Any], words: Words) -> Confidence:
+    """Tell how sure it is that nothing drives a history, or that something unnamed does."""
+    nothing = document["nothing_probability"]
+    if document["verdict"] == "nothing_missing":
+        told = words("diagnosis.confidence_nothing_history", p=words.probability(nothing))
+        return Confidence(level_of(nothing), told)
+    told = words("diagnosis.confidence_unknown", p=words.probability(1.0 - nothing))
+    return Confidence("low", told)
+
+
+def _history_facts(document: Mapping[str, Any], words: Words) -> Iterator[tuple[str, str]]:
+    unit = document["slow_time_unit"]
+    yield words("facts.data"), document["of"]
+    yield words("facts.epochs"), str(document["readings"])
+    yield words("facts.from"), f"{words.number(document['since'], 6)} {unit}"
+    yield words("facts.until"), f"{words.number(document['until'], 6)} {unit}"
 
 
 def _history_actions(document: Mapping[str, Any], words: Words) -> Iterator[str]:

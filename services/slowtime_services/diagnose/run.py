@@ -122,15 +122,14 @@ def diagnose_records(
         )
     used_s, ended = time.monotonic() - begun, None
     clocked: tuple[str, ...] = ()
+    if found.exhausted:
+        ended = SearchEnd(by="budget", budget_s=allowed_s, used_s=used_s)
     if is_last_stop():
         clocked += (CLOCK.format(limit=LAST_STOP * allowed_s),)
+        ended = SearchEnd(by="clock", budget_s=allowed_s, used_s=used_s)
     if enough is not None and enough.is_set():
         clocked += (ENDED,)
         ended = SearchEnd(by="request", budget_s=allowed_s, used_s=used_s)
-    elif is_last_stop():
-        ended = SearchEnd(by="clock", budget_s=allowed_s, used_s=used_s)
-    elif found.exhausted:
-        ended = SearchEnd(by="budget", budget_s=allowed_s, used_s=used_s)
     found = dataclasses.replace(found, notes=(*found.notes, *clocked), seconds=used_s)
     document = document_of(
         found,

@@ -25,6 +25,10 @@ SURE, LIKELY = 0.95, 0.7
 customary level of a test, 0.7 is what makes an answer more than twice as likely as all else."""
 
 
+LONG_ANSWER = 150
+"""Letters of an answer [1] from which it is set smaller: beyond four lines, the facts below
+would leave the sheet."""
+
 LONG_FACT = 45
 """Letters of a fact [1] from which it has a row of its own: two lines of a column in print."""
 
@@ -193,6 +197,7 @@ def first_page(page: FirstPage, words: Words, picture: str) -> str:
     picture
         HTML of the one picture; empty for none.
     """
+    long = ' class="long"' if len(page.answer) > LONG_ANSWER else ""
     return "\n".join(
         [
             '<header class="first">',
@@ -200,7 +205,7 @@ def first_page(page: FirstPage, words: Words, picture: str) -> str:
             f"{_escaped(page.subject)}</p>",
             f'<p class="question">{_escaped(page.question)}</p>',
             '<div class="beside"><div class="told">',
-            f"<h1>{_escaped(page.answer)}</h1>",
+            f"<h1{long}>{_escaped(page.answer)}</h1>",
             f'<p class="confidence {page.confidence.level}"><strong>'
             f"{_escaped(words(f'confidence.{page.confidence.level}'))}</strong> "
             f"{_escaped(page.confidence.number)}</p>",

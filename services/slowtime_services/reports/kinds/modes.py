@@ -71,10 +71,7 @@ def modes_page(
     ]
     clean = [mode for mode, told in zip(modes, doubts, strict=True) if not told]
     facts = [(words("facts.data"), name), (words("facts.channels"), ", ".join(channels))]
-    if rate_hz is not None:
-        facts.append((words("facts.rate"), f"{words.number(rate_hz, 5)} Hz"))
-    if duration_s is not None:
-        facts.append((words("facts.duration"), f"{words.number(duration_s, 4)} s"))
+    facts += _sampling(rate_hz, duration_s, words)
     if modes:
         relative = [mode.frequency_hz.sd / mode.frequency_hz.value for mode in modes]
         told = words(
@@ -99,6 +96,15 @@ def modes_page(
         facts=facts,
         sketch=sketch,
     )
+
+
+def _sampling(
+    rate_hz: float | None, duration_s: float | None, words: Words
+) -> Iterator[tuple[str, str]]:
+    if rate_hz is not None:
+        yield words("facts.rate"), f"{words.number(rate_hz, 5)} Hz"
+    if duration_s is not None:
+        yield words("facts.duration"), f"{words.number(duration_s, 4)} s"
 
 
 def _estimate(mode: Mode, words: Words) -> dict[str, str]:
