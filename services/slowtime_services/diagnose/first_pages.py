@@ -104,8 +104,9 @@ def _effect(effect: FoundEffect, words: Words) -> str:
 def _answer(document: DiagnosisFile, words: Words) -> str:
     effects = "; ".join(_effect(effect, words) for effect in document.effects)
     constants = ", ".join(moved.name for moved in document.moved)
+    early = document.ended is not None and document.verdict == "unknown_effect"
     answer = words(
-        f"diagnosis.{document.verdict}",
+        f"diagnosis.{document.verdict}{'_early' if early else ''}",
         effects=effects or words("diagnosis.unnamed"),
         constants=constants or words("diagnosis.constants_unnamed"),
     )
