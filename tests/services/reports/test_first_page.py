@@ -35,9 +35,9 @@ from tests.services.reports.reports_of_each_kind import (
 )
 
 SAYS = {
-    ("modes", "en"): ["Which modes of vibration does “tower” have?", "Data tower.csv",
-                      "Measured (UTC) 2026-03-04 10:20", "2.5 ± 0.005 Hz",
-                      "1.2 ± 0.1 %", "7 Hz", "few orders", "10 Hz", "40 Hz", "600 s"],
+    ("modes", "en"): ["Which modes of vibration does “tower” have?", "2.5 ± 0.005 Hz",
+                      "1.2 ± 0.1 %", "7 Hz", "few orders", "10 Hz", "40 Hz", "600 s",
+                      "Data tower.csv", "Measured (UTC) 2026-03-04 10:20"],
     ("modes", "de"): ["Welche Moden hat „tower“?", "2,5 ± 0,005 Hz", "1,2 ± 0,1 %",
                       "Abtastrate", "eine Mode verdecken können"],
     ("diagnosis", "en"): ["What does the model slide lack?", "cubic hardening at element j",
@@ -46,13 +46,14 @@ SAYS = {
     ("diagnosis", "de"): ["Was fehlt dem Modell slide?", "kubische Versteifung an Element j",
                           "Gegenüber dem gegebenen Modell sinkt der Fehler um",
                           "Gegenüber dem angepassten Modell"],
-    ("reliability", "en"): ["How probable is a failure of Beam?", "Data beam.yaml",
-                            "95 % interval", "form: 0.0385", "carries 50 % of the variance"],
+    ("reliability", "en"): ["How probable is a failure of Beam?", "95 % interval",
+                            "Data beam.yaml", "form: 0.0385", "carries 50 % of the variance"],
     ("reliability", "de"): ["Wie wahrscheinlich ist ein Versagen von Beam?",
                             "95-%-Intervall 0,03", "form: 0,0385", "trägt 50 %"],
     ("plan", "en"): ["What is to be done with Tower, and by when?",
                      "Last safe day to order a repair: 2028-12-28 (in 2.1 years).",
-                     "61,200 EUR", "order a repair for an age of 3 years", "0.5 years"],
+                     "61,200 EUR", "order a repair for an age of 3 years", "0.5 years",
+                     "Data demo.tower"],
     ("plan", "de"): ["Was ist mit Tower zu tun, und bis wann?",
                      "Letzter sicherer Tag, eine Reparatur zu bestellen: 2028-12-28 "
                      "(in 2,1 Jahren).", "61.200 EUR", "0,5 Jahren"],
@@ -209,8 +210,12 @@ def test_a_pdf_has_text_that_can_be_selected_and_clips_nothing(
         return subprocess.run(command, capture_output=True, check=True).stdout.decode()
 
     text = " ".join(told().split())
+    # The first page is a sheet, down to the facts below, of which the version is the last.
+    sheet, version = told("-f", "1", "-l", "1"), Words(language)("facts.version")
+    assert version in sheet.split()
     for said in SAYS[kind, language][:2]:
         assert said in text
+    assert not re.search(r"legend switches|arrow keys|\b[Cc]lick", text)
     # Word by word: of cells of several lines, those of a row are told line by line.
     for cell in re.findall(r"<t[dh][^>]*>([^<]*)</t[dh]>", page):
         for word in html.unescape(cell).split():
