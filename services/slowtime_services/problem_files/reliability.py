@@ -91,8 +91,7 @@ def read_stated_problem(
     stated = _stated(file)
     if limit_state is not None:
         name = f"g of {pathlib.Path(limit_state).name} ≤ 0"
-        told = stated.failure or (inspect.getdoc(own) or "").partition("\n")[0].rstrip(".")
-        stated = dataclasses.replace(stated, formula=name, failure=told)
+        stated = dataclasses.replace(stated, formula=name)
     return _problem(file, lines, path.name, own), stated
 
 
