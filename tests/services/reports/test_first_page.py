@@ -35,10 +35,10 @@ from tests.services.reports.reports_of_each_kind import (
 )
 
 SAYS = {
-    ("modes", "en"): ["Which modes of vibration does “tower” have?", "2.5 ± 0.005 Hz",
-                      "1.2 ± 0.1 %", "7 Hz", "few orders", "10 Hz", "40 Hz", "600 s",
+    ("modes", "en"): ["Which modes of vibration does “tower” have?", "2.5000 ± 0.0050 Hz",
+                      "1.20 ± 0.10 %", "7 Hz", "few orders", "10 Hz", "40 Hz", "600 s",
                       "Data tower.csv", "Measured (UTC) 2026-03-04 10:20"],
-    ("modes", "de"): ["Welche Moden hat „tower“?", "2,5 ± 0,005 Hz", "1,2 ± 0,1 %",
+    ("modes", "de"): ["Welche Moden hat „tower“?", "2,5000 ± 0,0050 Hz", "1,20 ± 0,10 %",
                       "Abtastrate", "eine Mode verdecken können"],
     ("diagnosis", "en"): ["What does the model slide lack?", "cubic hardening at element j",
                           "gap symmetric", "Against the model as given the error falls by",

@@ -108,13 +108,11 @@ def _sampling(
 
 
 def _estimate(mode: Mode, words: Words) -> dict[str, str]:
-    found = {
-        "f": words.number(mode.frequency_hz.value, 5),
-        "sd": words.number(mode.frequency_hz.sd, 2),
-    }
+    f, sd = words.measured(mode.frequency_hz.value, mode.frequency_hz.sd)
+    found = {"f": f, "sd": sd}
     damping = mode.damping_ratio
     if np.isfinite(damping.value):
-        z, sd = words.number(100 * damping.value, 3), words.number(100 * damping.sd, 2)
+        z, sd = words.measured(100 * damping.value, 100 * damping.sd)
         return found | {"damping": words("modes.damping", z=z, sd=sd)}
     return found | {"damping": words("modes.undamped")}
 
