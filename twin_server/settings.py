@@ -91,6 +91,9 @@ class ProgressSettings(Immutable):
     """Processor time of one step on messages [s]; ten times what the slowest known takes."""
     step_s_per_message: NotNegative = 0.5
     """Added for each message of the step [s]; twice what one of a twin of elements takes."""
+    step_s_per_parameter: NotNegative = 1.0
+    """Added for each free parameter of a twin of elements, for each of its messages [s]; three
+    times what it takes to find which of thirty groups has changed (11 s)."""
     silent_s: Annotated[float, Field(ge=2, le=600)] = 10.0
     """How long a step may stand still, and the process give no sign of life [s]. Beyond it the
     stacks are logged, the claim to lead is released and the process ends, all within 15 s."""

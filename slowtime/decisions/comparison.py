@@ -10,7 +10,7 @@ from .costs import ITEMS, Costs
 from .option import BAND, Option
 
 DRAWS = 2000
-"""Draws of uncertain costs: the ends of a 5–95 % band lie within about 2 % of it."""
+"""Draws of uncertain costs: the ends of a 90 % interval lie within about 2 % of it."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

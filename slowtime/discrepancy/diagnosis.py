@@ -351,6 +351,8 @@ class Diagnosis(Answer):
         The force surface of `augmented`, where one closes the gap.
     notes
         What the reader should know of the data.
+    exhausted
+        Whether the computing budget ended the search before every law was tried.
     seconds
         Of computing; filled in by what ran it, for there is no clock here.
     """
@@ -369,4 +371,5 @@ class Diagnosis(Answer):
     surface: Surface | None
     notes: tuple[str, ...]
     measured_force: MeasuredForce | None = None
+    exhausted: bool = False
     seconds: float = 0.0

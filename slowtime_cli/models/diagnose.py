@@ -15,7 +15,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from slowtime.discrepancy.diagnosis import Diagnosis
 from slowtime.discrepancy.refinement.force_surface import SurfaceDemand
 from slowtime.discrepancy.search import SearchOptions
-from slowtime_cli.shared.report_flags import report_language
+from slowtime_cli.shared.report_flags import report_language, report_subject
 from slowtime_cli.shared.terminal import ERR, note, show, shows_progress
 from slowtime_schemas.files.diagnosis import DiagnosisFile, Where
 from slowtime_services.diagnose import (
@@ -95,10 +95,10 @@ def diagnose(
         )  # fmt: skip
     for text in document.notes:
         note(text)
-    language = report_language()
-    write_results(out, found, document, language=language)
+    wording = {"structure": report_subject(), "language": report_language()}
+    write_results(out, found, document, **wording)
     if report is not None:
-        write_report(report, found, document, language=language)
+        write_report(report, found, document, **wording)
     _tell(found, document, out)
 
 

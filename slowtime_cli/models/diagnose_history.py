@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from slowtime_cli.shared.report_flags import report_language
+from slowtime_cli.shared.report_flags import report_language, report_subject
 from slowtime_cli.shared.terminal import show
 from slowtime_services.diagnose.history_document import (
     covariate_of,
@@ -37,7 +37,10 @@ def diagnose_history(
     """Diagnose a history, write the report, and print the result."""
     history = _history(source, twin)
     report, document = diagnose_with_document(history, progress=progress)
-    write_history_results(out, report, document, page=page, language=report_language())
+    write_history_results(
+        out, report, document, page=page, structure=report_subject(),
+        language=report_language(),
+    )  # fmt: skip
     click.echo(f"{report.verdict.replace('_', ' ')}: {report.sentence}")
     rows = []
     for effect in report.effects:

@@ -1,5 +1,6 @@
 """The verb `reliability`: compares failure probabilities by several methods."""
 
+import dataclasses
 import json
 import math
 from collections.abc import Sequence
@@ -9,10 +10,10 @@ from typing import Any
 import click
 
 from slowtime.reliability import METHODS, DesignPoint, Problem, Result, estimate
-from slowtime_cli.shared.report_flags import report_language
+from slowtime_cli.shared.report_flags import report_language, report_subject
 from slowtime_cli.shared.terminal import note, show
 from slowtime_cli.verbs.models.reliability import DEFAULT
-from slowtime_services.problem_files.reliability import read_problem
+from slowtime_services.problem_files.reliability import read_stated_problem
 from slowtime_services.reports.kinds.reliability import write_reliability_report
 
 COLUMNS = ("method", "P_f [1]", "95 % interval [1]", "beta [1]", "c.o.v. [%]", "calls [1]")
@@ -37,7 +38,7 @@ def reliability(
     ValueError
         Where no method could be applied.
     """
-    read = read_problem(problem, limit_state)
+    read, stated = read_stated_problem(problem, limit_state)
     wanted = METHODS if "all" in methods else dict.fromkeys(methods or DEFAULT)
     found: list[Result] = []
     refused: dict[str, str] = {}
@@ -49,9 +50,11 @@ def reliability(
     if not found:
         raise ValueError("; ".join(f"{method}: {said}" for method, said in refused.items()))
     if report is not None:
+        stated = dataclasses.replace(stated, name=report_subject() or stated.name)
         write_reliability_report(
-            report, problem.name, read, found, refused, seed=seed, language=report_language()
-        )
+            report, problem.name, read, found, refused, seed=seed, stated=stated,
+            language=report_language(),
+        )  # fmt: skip
     if as_json:
         body = {
             "inputs": list(read.names),

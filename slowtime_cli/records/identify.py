@@ -97,6 +97,7 @@ def identify(
         "rate_hz": record.rate_hz,
         "channels": list(record.channels),
         "duration_s": record.duration_s,
+        "start_ns": record.start_ns,
         "assumptions": [*record.assumptions, *record.notes],
     }
     if window_s is None:
@@ -209,6 +210,8 @@ def _write_report(
         about={
             "rate_hz": found.record.rate_hz,
             "duration_s": duration_s,
+            "start_ns": found.record.start_ns,
+            "structure": structure_name(references.model),
             "sketch": sketch_of_places(known, channels),
         },
     )
@@ -225,6 +228,13 @@ def reference_modes(
     else:
         found = mode_tables.model_modes(read_any_description(model, note=note), channels)
     return [(hz, None) for hz, _ in found] if mixed else found
+
+
+def structure_name(model: Path | None) -> str:
+    """Name of the structure in a model file; empty without one."""
+    if model is None or model.suffix.lower() in UNIVERSAL:
+        return ""
+    return read_any_description(model, note=lambda _: None).name
 
 
 def note_mixed_units(mixed: str) -> None:

@@ -23,7 +23,7 @@ from slowtime_services.files.units import unit_of
 from slowtime_services.modal import read_geometry, read_selection
 
 from . import mode_tables
-from .identify import note_mixed_units, reference_modes, without_shape
+from .identify import note_mixed_units, reference_modes, structure_name, without_shape
 from .modes_file import write_modes_file
 from .response_charts import CAPTIONS, response_sections
 from .response_files import show_masses, write_response_file
@@ -110,7 +110,12 @@ def identify(
             shapes=not mixed,
             captions=CAPTIONS,
             selection=selection,
-            about={"rate_hz": part.rate_hz, "duration_s": len(part.samples) / part.rate_hz},
+            about={
+                "rate_hz": part.rate_hz,
+                "duration_s": len(part.samples) / part.rate_hz,
+                "start_ns": part.start_ns,
+                "structure": structure_name(model),
+            },
             extra=[
                 *spatial,
                 *response_sections(found, measured.output_channels, measured.input_channels),

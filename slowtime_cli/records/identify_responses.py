@@ -17,7 +17,7 @@ from slowtime_services.frequency_responses import MeasuredResponses, read_respon
 from slowtime_services.modal import read_geometry, read_selection
 
 from . import mode_tables
-from .identify import note_mixed_units, reference_modes
+from .identify import note_mixed_units, reference_modes, structure_name
 from .identify_inputs import METHOD, driving_points, found_modes
 from .modes_file import write_modes_file
 from .response_charts import CAPTIONS, response_sections
@@ -121,6 +121,7 @@ def _tell(
         mode_tables.write_report(
             report, path.name, outputs, found.result, models, shapes=not mixed,
             captions=CAPTIONS, selection=selection,
+            about={"structure": structure_name(model)},
             extra=[*spatial, *response_sections(found, *channels)],
         )  # fmt: skip
     if frf is not None:

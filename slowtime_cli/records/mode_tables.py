@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Bool, Complex
@@ -16,7 +16,7 @@ from slowtime.identification.mode_shapes.criteria import mac, mpc
 from slowtime.identification.modes import Mode
 from slowtime.identification.options import Selection
 from slowtime.identification.subspace.stabilisation import Stabilisation
-from slowtime_cli.shared.report_flags import report_language
+from slowtime_cli.shared.report_flags import report_language, report_subject
 from slowtime_cli.shared.terminal import show
 from slowtime_services.modal import ENDING, read_modes, selection_text
 from slowtime_services.modal.entries import mode_entry
@@ -42,12 +42,12 @@ BINS_PER_DECADE = 250
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Captions:
-    """What the charts of a report say of themselves."""
+    """What the charts of a report say of themselves.
 
-    spectra: str = (
-        "Singular values of the spectral matrix of channels scaled to unit variance. Upright "
-        "lines: modes; dashed: lines of machines."
-    )
+    `of` names in the catalogue what the spectra are of: ambient records or responses.
+    """
+
+    of: Literal["ambient", "responses"] = "ambient"
     stabilisation: str = (
         "Poles of subspace models of rising order, each band by itself, over the first "
         "singular value; bars are one standard deviation. A mode is where poles stand above "
@@ -206,20 +206,25 @@ def write_report(
 ) -> None:
     """Write table, `extra` sections, spectra, stabilisation diagram and shapes as one page.
 
-    `about` holds rate, duration and sketch of the first page, as `modes_page` takes them.
+    `about` holds rate, duration, start, structure and sketch, as `modes_page` takes them.
 
     Beside a page with a stabilisation diagram stands the file of the choice of modes.
     """
     structural = len(result.structural)
     language = report_language()
     words = Words(language)
-    first = modes_page(name, result, channels, words, **(about or {}))
+    told = dict(about or {})
+    told["structure"] = report_subject() or told.get("structure", "")
+    meant = [(mode, nearest_mode(mode, models)) for mode in result.structural]
+    told["compared"] = [
+        (mode.frequency_hz.value, models[one[0]][0], one[1]) for mode, one in meant if one
+    ]
+    first = modes_page(name, result, channels, words, **told)
     table = dataclasses.replace(_table(result, models), caption=COLUMNS_TOLD)
-    spectra = _spectra(result, captions.spectra)
+    spectra = _spectra(result, words(f"modes.picture_{captions.of}"), words)
     sections = [
         Section("Modes", result.notes, [table]),
         *extra,
-        Section("Spectra", (), [spectra]),
     ]
     if len(result.stabilisation.order):
         chart = _stabilisation(result, captions.stabilisation)
@@ -231,8 +236,8 @@ def write_report(
         drawn = [_shapes(result, channels)]
         sections.append(Section("Shapes", (), [*drawn, *mac_charts(result, models)]))
     write_page(
-        path, f"{words('kind.modes')}: {name}", first.answer, sections,
-        first=first, picture=spectra, language=language,
+        path, f"{words('kind.modes')}: {first.subject}", first.answer, sections,
+        first=first, picture=spectra, heading="Spectra", language=language,
     )  # fmt: skip
 
 
@@ -244,13 +249,14 @@ def _range(result: ModalResult) -> list[float]:
     return [0.0, highest]
 
 
-def _spectra(result: ModalResult, caption: str) -> Chart:
+def _spectra(result: ModalResult, caption: str, words: Words | None = None) -> Chart:
+    words = words or Words()
     inside = result.spectrum_hz > 0
     traces: list[dict[str, Any]] = [
         {
             "x": result.spectrum_hz[inside].round(6).tolist(),
             "y": (10 * np.log10(np.maximum(values, 1e-300))).round(3).tolist(),
-            "name": f"singular value {number + 1}",
+            "name": words("modes.singular_value", n=number + 1),
             "mode": "lines",
             "line": {"width": 1.5},
         }
@@ -259,8 +265,11 @@ def _spectra(result: ModalResult, caption: str) -> Chart:
     return Chart(
         traces,
         {
-            "xaxis": {"title": {"text": "frequency [Hz]"}, "range": _range(result)},
-            "yaxis": {"title": {"text": "density [dB]"}},
+            "xaxis": {
+                "title": {"text": words("modes.axis_frequency")},
+                "range": _range(result),
+            },
+            "yaxis": {"title": {"text": words("modes.axis_density")}},
             "shapes": [_mark(mode) for mode in result.modes],
         },
         caption,
@@ -364,5 +373,6 @@ def _shapes(result: ModalResult, channels: Sequence[str]) -> Chart:
             "yaxis": {"title": {"text": "real part, unit norm"}},
         },
         "Real parts of the mode shapes, in the units of the channels; bars are one standard "
-        "deviation. The legend switches modes on and off.",
+        "deviation.",
+        "The legend switches modes on and off.",
     )

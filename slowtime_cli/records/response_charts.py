@@ -20,8 +20,7 @@ COLOURS = ("#0b6fb8", "#b3541e", "#2f7d32", "#7a3e9d", "#8a6d00", "#00797a")
 
 
 CAPTIONS = Captions(
-    spectra="Squared singular values of the frequency responses (complex mode indicator "
-    "functions). Upright lines: modes.",
+    of="responses",
     stabilisation="Poles of rising model order, by pLSCF of the frequency responses or, in "
     "continuous records, by subspaces too, over the first of these functions; bars "
     "are one standard deviation. A mode is where poles stand above each other.",
@@ -57,7 +56,7 @@ def response_sections(
         Chart(
             curves,
             _layout("output over input [dB]"),
-            "Measured frequency responses (points) and those of the identified modes (lines). "
+            "Measured frequency responses (points) and those of the identified modes (lines).",
             "The legend switches pairs on and off.",
         )
     ]

@@ -17,7 +17,7 @@ from slowtime.identification.single_mode.sliding_windows import dependence
 from slowtime_cli.shared.input_errors import validation_message
 from slowtime_cli.shared.offline_twin import offline_twin
 from slowtime_cli.shared.options import STDOUT
-from slowtime_cli.shared.report_flags import report_language
+from slowtime_cli.shared.report_flags import report_language, report_subject
 from slowtime_cli.shared.terminal import note, show, write_json
 from slowtime_schemas.codec import encode
 from slowtime_schemas.messages import Features, Mode, Quality
@@ -27,8 +27,9 @@ from slowtime_schemas.streams import ASSET_EVENT, FEATURES, parse_key
 from slowtime_services.bus import Sample
 from slowtime_services.documents.bounds import DATA, DocumentError, document_text
 from slowtime_services.documents.document_files import read_json_file
+from slowtime_services.files.record import UNDATED_NS
 from slowtime_services.replay import contents, read_recording
-from slowtime_services.reports.kinds.state import write_state_report
+from slowtime_services.reports.kinds.state import Reference, write_state_report
 from twin_server.history.rendering import points, state_objects
 from twin_server.registration.nominal import Nominal
 from twin_server.registration.twin import Registration
@@ -93,8 +94,12 @@ def evolve(
     if out is not None:
         write_json(out, {"points": states})
     if report is not None:
-        name = source.name if twin_id == f"{SITE}.{ASSET}" else twin_id
-        write_state_report(report, name, states, changes, language=report_language())
+        own = "" if twin_id == f"{SITE}.{ASSET}" else twin_id
+        write_state_report(
+            report, source.name, states, changes, structure=report_subject() or own,
+            reference=Reference(nominal_hz, 0 if nominal_hz else learn_epochs),
+            language=report_language(),
+        )  # fmt: skip
 
 
 def samples_of(source: Path, asset: str | None) -> tuple[str, Iterator[Sample]]:
@@ -152,7 +157,7 @@ def _of_json(source: Path) -> Iterator[Features]:
     factors = _dependence(body["epochs"])
     for number, (epoch, factor) in enumerate(zip(body["epochs"], factors, strict=True)):
         try:
-            yield _of_epoch(number, epoch, factor)
+            yield _of_epoch(number, epoch, factor, body.get("start_ns") or UNDATED_NS)
         except (KeyError, TypeError, ValueError, IndexError) as error:
             raise click.UsageError(
                 f"{source}, epoch {number}: {_fault(error)}. Give what `slowtime identify "
@@ -177,10 +182,10 @@ def _dependence(epochs: list[Any]) -> list[float]:
     return [float(factor) for factor in factors]
 
 
-def _of_epoch(number: int, epoch: dict[str, Any], factor: float) -> Features:
+def _of_epoch(number: int, epoch: dict[str, Any], factor: float, start_ns: int) -> Features:
     first = _widened(epoch["modes"][0], factor) if epoch["modes"] else None
     middle_s = 0.5 * (epoch["start_s"] + epoch["end_s"])
-    return _features(number, middle_s, first, after_s=middle_s)
+    return _features(number, middle_s, first, after_s=middle_s, start_ns=start_ns)
 
 
 def _widened(mode: dict[str, Any], factor: float) -> dict[str, Any]:
@@ -259,7 +264,12 @@ def _of_row(number: int, row: dict[str, str | None]) -> Features:
 
 
 def _features(
-    number: int, slow_time: float, mode: dict[str, Any] | None, *, after_s: float | None = None
+    number: int,
+    slow_time: float,
+    mode: dict[str, Any] | None,
+    *,
+    after_s: float | None = None,
+    start_ns: int = UNDATED_NS,
 ) -> Features:
     """Convert an epoch to the features message of an edge.
 
@@ -277,7 +287,7 @@ def _features(
             ),
         )
     )
-    t_ns = 946_684_800_000_000_000 + round((number if after_s is None else after_s) * 1e9)
+    t_ns = start_ns + round((number if after_s is None else after_s) * 1e9)
     return Features(
         site=SITE,
         asset=ASSET,

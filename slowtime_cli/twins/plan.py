@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from slowtime_cli.shared.options import STDOUT
-from slowtime_cli.shared.report_flags import report_language
+from slowtime_cli.shared.report_flags import report_language, report_subject
 from slowtime_cli.shared.terminal import note, show, write_json
 from slowtime_cli.twins.twin_query import TwinQuery, ask_server
 from slowtime_services.client import AnswerError, Client, UnreachableError
@@ -56,7 +56,11 @@ def plan(
     if report is not None:
         from slowtime_services.reports.kinds.plan import write_plan_report
 
-        write_plan_report(report, body, language=report_language())
+        write_plan_report(
+            report, body, structure=report_subject(),
+            source="" if asked.source is None else asked.source.name,
+            language=report_language(),
+        )  # fmt: skip
     if body["last_order"] is not None:
         note(body["last_order"]["sentence"])
     for change in body["changes"]:
@@ -105,7 +109,14 @@ def _show_plan(body: dict[str, Any]) -> None:
                 "failures": option["failures"],
             }
         )
-    heads = ("option", "now", f"cost [{body['currency']}]", "5 %", "95 %", "failures")
+    heads = (
+        "option",
+        "now",
+        f"cost [{body['currency']}]",
+        "9 of 10 futures from",
+        "to",
+        "failures",
+    )
     show("", heads, rows, plain=plain)
     if body["information"] and sys.stdout.isatty():
         each = [

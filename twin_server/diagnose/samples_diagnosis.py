@@ -69,6 +69,7 @@ def diagnose_samples(
         records=[source.name for source in _sources(learnt)],
         holdout=[source.name for source in _sources(judged)],
         notes=(*notes, *_value_notes((*learnt, *judged)), *task.notes),
+        measured=[piece.record for piece in (*learnt, *judged)],
     )
     progress("writing the report", 0.99)
     write_results(folder, found, document)

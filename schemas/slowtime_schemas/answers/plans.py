@@ -8,8 +8,22 @@ from .base import Extensible, RestAnswer
 
 PLAN_EXAMPLE: dict[str, Any] = {
     "id": "demo.tower",
+    "name": "Tower",
     "since": 812.5,
     "currency": "EUR",
+    "costs": {
+        "failure": {"mean": 900000.0, "sd": 200000.0},
+        "repair": {"mean": 40000.0, "sd": 0.0},
+        "inspection": {"mean": 1500.0, "sd": 0.0},
+        "downtime": {"mean": 0.0, "sd": 0.0},
+        "closing": None,
+        "closed": {"mean": 0.0, "sd": 0.0},
+        "failure_downtime": 0.0,
+        "repair_downtime": 0.0,
+        "inspection_downtime": 0.0,
+        "discount_rate": 0.03,
+    },
+    "months": [],
     "time_unit": "year",
     "slow_time_unit": "d",
     "seconds": 31557600.0,
@@ -39,9 +53,10 @@ PLAN_EXAMPLE: dict[str, Any] = {
         "now_effect": {"ahead": 0.5, "slow_time": 995.0, "t": "2027-05-22T00:00:00+00:00"},
         "now_probability": 0.0,
         "lead_time": 0.5,
-        "sentence": "Last safe day to order a repair: in 2.1 years (2028-12-28) (5 to 95 %: 2 "
-        "years to 2.3 years), to be done in 2.6 years (2029-06-28). A failure before the "
-        "repair takes effect then has the probability 2 %. The accepted probability is 2 %.",
+        "sentence": "Last safe day to order a repair: in 2.1 years (2028-12-28) (90 % "
+        "interval: 2 years to 2.3 years), to be done in 2.6 years (2029-06-28). A failure "
+        "before the repair takes effect then has the probability 2 %. The accepted "
+        "probability is 2 %.",
     },
     "changes": [
         "“repair now” is better if a failure costs more than 2,100,000 EUR (given: 900,000 "
@@ -113,11 +128,35 @@ class PlanFailure(RestAnswer):
 
 
 class PlanCost(RestAnswer):
-    """Expected cost, and its 5 and 95 % quantiles over futures."""
+    """Expected cost, and the range of 9 of 10 futures: 1 in 20 costs less, 1 in 20 more."""
 
     value: float
     lo: float
     hi: float
+
+
+class PlanAmount(RestAnswer):
+    """A cost as the owner states it: mean, and standard deviation, 0 if it is certain."""
+
+    mean: float
+    sd: float
+
+
+class PlanCosts(RestAnswer):
+    """All costs that a plan counts, in its currency; times in its `time_unit`."""
+
+    failure: PlanAmount = Field(description="Of one failure.")
+    repair: PlanAmount = Field(description="Of one planned repair.")
+    inspection: PlanAmount = Field(description="Of one inspection.")
+    downtime: PlanAmount = Field(description="Of being out of service, per `time_unit`.")
+    closing: PlanAmount | None = Field(
+        description="Of taking it out of service for good; null: it cannot be closed."
+    )
+    closed: PlanAmount = Field(description="Of being closed, per `time_unit`.")
+    failure_downtime: float = Field(description="Out of service after a failure.")
+    repair_downtime: float
+    inspection_downtime: float
+    discount_rate: float = Field(description="Per `time_unit`.")
 
 
 class PlanOption(RestAnswer):
@@ -150,8 +189,10 @@ class PlanLastOrder(RestAnswer):
         "within the horizon."
     )
     order: PlanTime | None = Field(description="Of the order; null if beyond.")
-    lo: PlanTime | None = Field(description="5 % end by the sampling error of the futures.")
-    hi: PlanTime | None = Field(description="95 % end; null if beyond the horizon.")
+    lo: PlanTime | None = Field(
+        description="Lower end of the 90 % interval by the sampling error of the futures."
+    )
+    hi: PlanTime | None = Field(description="Upper end; null if beyond the horizon.")
     effect: PlanTime | None = Field(description="When the repair takes effect.")
     probability: float = Field(
         description="Of a failure before that effect; if beyond, within the horizon."
@@ -173,7 +214,9 @@ class PlanDifference(RestAnswer):
     best: str
     other: str
     value: float
-    lo: float = Field(description="5 % end; below 0, it cannot be decided.")
+    lo: float = Field(
+        description="Lower end of the 90 % interval; below 0, it cannot be decided."
+    )
     hi: float
 
 
@@ -210,8 +253,13 @@ class PlanModel(RestAnswer):
     model_config = ConfigDict(json_schema_extra={"examples": [PLAN_EXAMPLE]})
 
     id: str
+    name: str = Field("", description="Of the structure, as registered.")
     since: float | None = Field(description="Slow time of the last reading.")
     currency: str | None
+    costs: PlanCosts | None = Field(None, description="Null where there is no plan.")
+    months: tuple[int, ...] = Field(
+        (), description="In which a repair can take effect; empty: in every month."
+    )
     time_unit: str | None
     slow_time_unit: str | None = Field(
         None, description="Of slow time, as the edge names it: T0 is one natural period."

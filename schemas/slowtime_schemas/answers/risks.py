@@ -38,7 +38,7 @@ RISK_EXAMPLE: dict[str, Any] = {
 
 
 class ProbabilityModel(RestAnswer):
-    """A probability, and the 5 to 95 % band that more readings could move it within."""
+    """A probability, and the 90 % interval within which more readings could move it."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [PROBABILITY_EXAMPLE]})
 

@@ -115,6 +115,20 @@ class ChannelFinding(Frozen):
     sentence: str
 
 
+class SearchEnd(Frozen):
+    """What ended a search before every law was tried."""
+
+    by: Annotated[
+        Literal["budget", "clock", "request"],
+        Field(description="The budget of work, the limit of processor time, or its user."),
+    ]
+    budget_s: Annotated[
+        NotNegative | None,
+        Field(description="Budget [s of a reference machine]; null where none was set."),
+    ] = None
+    used_s: Annotated[NotNegative, Field(description="Time by the clock [s].")]
+
+
 class DiagnosisFile(Frozen):
     """The answer of a diagnosis."""
 
@@ -162,6 +176,16 @@ class DiagnosisFile(Frozen):
     model: Annotated[str, Field(description="Name of the model.")] = ""
     records: tuple[str, ...] = ()
     holdout: tuple[str, ...] = ()
+    measured_s: Annotated[
+        tuple[Span, ...],
+        Field(
+            description="Begin and end of each record that states its time [s since "
+            "1970-01-01 UTC]."
+        ),
+    ] = ()
+    ended: Annotated[SearchEnd | None, Field(description="Null where every law was tried.")] = (
+        None
+    )
     seconds: NotNegative
 
     def plain(self) -> dict[str, Any]:

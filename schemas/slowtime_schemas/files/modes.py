@@ -91,6 +91,10 @@ class ModesFile(Frozen):
         Field(min_length=1, description="Those identified from; the order of components."),
     ]
     duration_s: NotNegative
+    start_ns: Annotated[
+        int | None,
+        Field(description="Time of the first sample [ns since 1970-01-01 UTC], if known."),
+    ] = None
     assumptions: Annotated[
         tuple[str, ...],
         Field(description="What was taken for granted in reading the record, a sentence each."),

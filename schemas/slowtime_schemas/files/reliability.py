@@ -24,6 +24,7 @@ class RandomInput(Frozen):
     __pydantic_extra__: dict[str, Number]
 
     marginal: str
+    unit: PlainText = ""
 
 
 class Correlation(Frozen):
@@ -65,6 +66,17 @@ class ReliabilityFile(Frozen):
 
     slowtime_reliability: Literal[1]
     name: PlainText = ""
+    """Of the structure."""
+
+    failure: PlainText = ""
+    """What it means that the limit state is violated, in words: "the column yields"."""
+
+    period: PlainText = ""
+    """Time or instant that the probability is of: "50 years", "one crossing"."""
+
+    accepted: float | None = Field(default=None, gt=0, lt=1)
+    """Probability of failure that is accepted [1]."""
+
     inputs: dict[InputName, RandomInput] = Field(min_length=1)
     correlations: tuple[Correlation, ...] = ()
     copulas: tuple[CopulaOf, ...] = ()

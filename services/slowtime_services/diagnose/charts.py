@@ -82,8 +82,9 @@ def run_charts(diagnosis: Diagnosis, samples: int = WINDOW_SAMPLES) -> list[Char
             Chart(
                 lines,
                 _axes("campaign time [s]", f"{sensor.channel} [{sensor.unit}]"),
-                f"{_sensor_label(sensor)} around its largest motion, measured and simulated. "
-                "Each model ran free from the first samples on.",
+                f"{_sensor_label(sensor)}, {np.ptp(traces.times_s[part]):.3g} s around its "
+                "largest motion, measured and simulated. Each model ran free from the first "
+                "samples on.",
             )
         )
     return charts

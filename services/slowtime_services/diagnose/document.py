@@ -18,6 +18,7 @@ from slowtime.dynamics.description import Input, Sensor
 from slowtime.dynamics.effects import Place
 from slowtime_schemas.files import diagnosis as file
 from slowtime_schemas.files.diagnosis import DiagnosisFile
+from slowtime_services.files import Record
 
 HUGE = 1e300
 
@@ -28,6 +29,8 @@ def document_of(
     records: Sequence[str] = (),
     holdout: Sequence[str] = (),
     notes: Sequence[str] = (),
+    measured: Sequence[Record] = (),
+    ended: file.SearchEnd | None = None,
 ) -> DiagnosisFile:
     """Convert a diagnosis to its file model.
 
@@ -37,7 +40,13 @@ def document_of(
         Names of what was learnt from and judged by.
     notes
         What to add to the diagnosis' own.
+    measured
+        All records, whose times are told where they state them.
+    ended
+        What ended the search, where it is known better than by the diagnosis itself.
     """
+    if ended is None and diagnosis.exhausted:
+        ended = file.SearchEnd(by="budget", used_s=diagnosis.seconds)
     experiment = diagnosis.experiment
     return DiagnosisFile(
         verdict=diagnosis.verdict,
@@ -74,8 +83,19 @@ def document_of(
         model=diagnosis.nominal.name,
         records=tuple(records),
         holdout=tuple(holdout),
+        measured_s=_spans_s(measured),
+        ended=ended,
         seconds=diagnosis.seconds,
     )  # fmt: skip
+
+
+def _spans_s(records: Sequence[Record]) -> tuple[file.Span, ...]:
+    """Begin and end of each record that states its time."""
+    return tuple(
+        (record.start_ns / 1e9, record.start_ns / 1e9 + record.duration_s)
+        for record in records
+        if record.start_ns is not None
+    )
 
 
 def _effect(named: NamedEffect) -> file.FoundEffect:

@@ -122,6 +122,7 @@ def write_history_results(
     document: dict[str, Any],
     *,
     page: Path | None = None,
+    structure: str = "",
     language: str = "en",
 ) -> None:
     """Write ``report.json`` and ``report.html``, replacing earlier ones.
@@ -134,17 +135,20 @@ def write_history_results(
         Of `diagnose_with_document`.
     page
         Another file for the report, besides; .pdf or .html.
+    structure
+        Name of the structure; that of the history where empty.
     """
     folder.mkdir(parents=True, exist_ok=True)
     text = json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False)
     (folder / "report.json").write_text(text + "\n", encoding="utf-8")
-    title = f"{VERDICTS[document['verdict']]}: {document['of']} in slow time"
-    first = history_page(document["of"], document, Words(language))
+    first = history_page(document, Words(language), structure=structure)
+    title = f"{VERDICTS[document['verdict']]}: {first.subject} in slow time"
     for path in (folder / "report.html", page):
         if path is not None:
             write_page(
                 path, title, document["sentence"], list(_sections(report, document)),
-                first=first, picture=_history(report, document), language=language,
+                first=first, picture=_history(report, document),
+                heading="The history, and what was expected", language=language,
             )  # fmt: skip
 
 
@@ -207,7 +211,6 @@ def _sections(report: HistoryReport, document: dict[str, Any]) -> Iterator[Secti
     ]
     if curves:
         yield Section("What each effect does", (), curves)
-    yield Section("The history, and what was expected", (), [_history(report, document)])
     rest = (
         "cannot be told from noise without memory" if report.residual_white
         else "has a memory that is not explained"

@@ -10,6 +10,9 @@ from slowtime_schemas.files.diagnosis import Estimated
 UNIT = re.compile(r"(?:_(?:n|m[23]?|s2?|kg|hz|rad|c|per))+$")
 """A unit at the end of a parameter's name."""
 
+SHORT_S = 0.1
+"""Times below are written in milliseconds [s]."""
+
 VERDICTS = {
     "missing_effect": "The model lacks an effect",
     "nothing_missing": "Nothing is missing",
@@ -85,7 +88,12 @@ def number(estimated: Estimated) -> str:
     '20.39 ± 0.14 N'
     >>> number(Estimated(value=1.0, sd=0.0))
     '1'
+    >>> number(Estimated(value=0.011995, sd=2.3e-6, unit="s"))
+    '11.9950 ± 0.0023 ms'
     """
+    if estimated.unit == "s" and 0.0 < abs(estimated.value) < SHORT_S:
+        thousand = {"value": 1e3 * estimated.value, "sd": 1e3 * estimated.sd, "unit": "ms"}
+        estimated = Estimated(**thousand)
     if estimated.sd == 0:
         return f"{estimated.value:.6g} {estimated.unit}".rstrip()
     digits = f"{estimated.sd:.1e}"

@@ -1,12 +1,12 @@
 """The HTML report of a diagnosis."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from slowtime.discrepancy.diagnosis import Diagnosis
 from slowtime.dynamics.description import Beam, Description, Matrix
 from slowtime_schemas.files.diagnosis import DiagnosisFile, FoundEffect, Rival
-from slowtime_services.reports import Section, Table, Words, write_page
+from slowtime_services.reports import Chart, Section, Table, Words, write_page
 
 from .charts import PICTURE_SAMPLES, gap_chart, residual_charts, run_charts, surface_chart
 from .first_pages import diagnosis_page
@@ -15,21 +15,50 @@ from .labels import VERDICTS, labelled, named, number, placed, rare
 
 
 def write_report(
-    path: Path, diagnosis: Diagnosis, document: DiagnosisFile, *, language: str = "en"
+    path: Path,
+    diagnosis: Diagnosis,
+    document: DiagnosisFile,
+    *,
+    structure: str = "",
+    language: str = "en",
 ) -> None:
-    """Write the report, such as ``report.html``; it needs nothing but a browser."""
+    """Write the report, such as ``report.html``; it needs nothing but a browser.
+
+    `structure` names what it is about; the model's own name where empty.
+    """
     words = Words(language)
-    first = diagnosis_page(diagnosis, document, words)
-    title = f"{VERDICTS[document.verdict]}: {document.model or 'diagnosis'}"
-    picture = next(iter(run_charts(diagnosis, PICTURE_SAMPLES)), None)
+    first = diagnosis_page(diagnosis, document, words, structure=structure)
+    title = f"{VERDICTS[document.verdict]}: {first.subject}"
+    runs = [
+        _in_words(one, diagnosis, words) for one in run_charts(diagnosis, PICTURE_SAMPLES)[:1]
+    ]
+    gap = gap_chart(document)
     write_page(
-        path, title, document.sentence, list(_sections(diagnosis, document)),
-        first=first, picture=picture or gap_chart(document), language=language,
+        path, title, document.sentence,
+        list(_sections(diagnosis, document, [gap] if runs else [])),
+        first=first, picture=runs[0] if runs else gap, heading="" if runs else "The gap",
+        language=language,
     )  # fmt: skip
 
 
-def _sections(diagnosis: Diagnosis, document: DiagnosisFile) -> Iterator[Section]:
-    yield Section("The gap", [document.sentence], [gap_chart(document)])
+def _in_words(chart: Chart, diagnosis: Diagnosis, words: Words) -> Chart:
+    """Write the lines, axis and caption of the first sensor's runs in a language."""
+    lines = ("measured", "nominal", "augmented")
+    data = [
+        {**line, "name": words(f"diagnosis.line_{name}")}
+        for line, name in zip(chart.data, lines, strict=True)
+    ]
+    sensor, times_s = diagnosis.nominal.sensors[0], chart.data[0]["x"]
+    layout = {**chart.layout, "xaxis": {"title": {"text": words("diagnosis.axis_time")}}}
+    span = words.number(times_s[-1] - times_s[0])
+    told = words("diagnosis.picture", channel=sensor.channel, unit=sensor.unit, span=span)
+    return Chart(data, layout, told)
+
+
+def _sections(
+    diagnosis: Diagnosis, document: DiagnosisFile, gap: Sequence[Chart]
+) -> Iterator[Section]:
+    yield Section("The gap", [document.sentence], gap)
     yield from _effects(document)
     yield from _undecided(document)
     if diagnosis.surface is not None:
@@ -81,9 +110,7 @@ def _effects(document: DiagnosisFile) -> Iterator[Section]:
 
 
 def _undecided(document: DiagnosisFile) -> Iterator[Section]:
-    words = (
-        [f"Experiment that would decide: {document.experiment}"] if document.experiment else []
-    )
+    words = [document.experiment] if document.experiment else []
     rows = [
         (named(r.effect), placed(r.where.kind, r.where.id), _chance(r))
         for r in document.undecided

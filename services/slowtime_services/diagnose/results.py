@@ -17,7 +17,12 @@ PAGE, SURFACE, MEASURED_FORCE = "report.html", "surface.npz", "measured_force.np
 
 
 def write_results(
-    out: Path, diagnosis: Diagnosis, document: DiagnosisFile, *, language: str = "en"
+    out: Path,
+    diagnosis: Diagnosis,
+    document: DiagnosisFile,
+    *,
+    structure: str = "",
+    language: str = "en",
 ) -> None:
     """Write ``report.html``, ``report.json``, ``augmented.yaml``, and arrays to draw from.
 
@@ -32,7 +37,7 @@ def write_results(
     (out / AUGMENTED).write_text(
         f"# {document.verdict}\n{words}\n{model_text(diagnosis.augmented)}", encoding="utf-8"
     )
-    write_report(out / PAGE, diagnosis, document, language=language)
+    write_report(out / PAGE, diagnosis, document, structure=structure, language=language)
     if diagnosis.gap.on == "holdout" and diagnosis.traces:
         write_runs(out / HOLDOUT, diagnosis)
     else:

@@ -12,7 +12,7 @@ from slowtime.discrepancy.workers import shared_among
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Kind
 from slowtime.dynamics.work import metered
-from slowtime_schemas.files.diagnosis import DiagnosisFile
+from slowtime_schemas.files.diagnosis import DiagnosisFile, SearchEnd
 from slowtime_services.engines.forks import ForkedWorkers, can_fork
 
 from .campaign import gather
@@ -120,17 +120,24 @@ def diagnose_records(
             late=lambda: meter.spent > LATE * WORK_PER_S * allowed_s or is_last_stop(),
             over=lambda: meter.spent > WORK_PER_S * allowed_s or is_last_stop(),
         )
+    used_s, ended = time.monotonic() - begun, None
     clocked: tuple[str, ...] = ()
-    clocked += (CLOCK.format(limit=LAST_STOP * allowed_s),) if is_last_stop() else ()
-    clocked += (ENDED,) if enough is not None and enough.is_set() else ()
-    found = dataclasses.replace(
-        found, notes=(*found.notes, *clocked), seconds=time.monotonic() - begun
-    )
+    if found.exhausted:
+        ended = SearchEnd(by="budget", budget_s=allowed_s, used_s=used_s)
+    if is_last_stop():
+        clocked += (CLOCK.format(limit=LAST_STOP * allowed_s),)
+        ended = SearchEnd(by="clock", budget_s=allowed_s, used_s=used_s)
+    if enough is not None and enough.is_set():
+        clocked += (ENDED,)
+        ended = SearchEnd(by="request", budget_s=allowed_s, used_s=used_s)
+    found = dataclasses.replace(found, notes=(*found.notes, *clocked), seconds=used_s)
     document = document_of(
         found,
         records=[source.name for source in records],
         holdout=[source.name for source in holdout],
         notes=given.notes,
+        measured=[source.record for source in (*records, *holdout)],
+        ended=ended,
     )
     return found, document
 

@@ -1,9 +1,11 @@
 """Problems of `slowtime.reliability`, read from YAML, JSON or Python files."""
 
+import dataclasses
 import importlib.util
 import inspect
 import pathlib
 from collections.abc import Callable, Mapping, Sequence
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -31,6 +33,7 @@ from slowtime_services.documents.yaml_lines import Path
 
 from .checked_file import line_of, parse_checked, read_text
 from .expressions import Expression
+from .stated import Stated
 
 
 class ReliabilityFileError(ValueError):
@@ -53,29 +56,62 @@ def read_problem(
     ReliabilityFileError
         (a ValueError) naming line and cure. OSError where a file cannot be opened.
     """
+    return read_stated_problem(path, limit_state)[0]
+
+
+def read_stated_problem(
+    path: str | pathlib.Path, limit_state: str | pathlib.Path | None = None
+) -> tuple[Problem, Stated]:
+    """Read a problem as `read_problem` does, and what its owner states of it.
+
+    A Python file states it by the variable `stated`, a `Stated`.
+    """
     path = pathlib.Path(path)
     if path.suffix == ".py":
         if limit_state is not None:
             raise ReliabilityFileError(
                 f"{path.name} holds its own limit state. Leave --limit-state out."
             )
-        problem = _executed(path, "problem")
-        if not isinstance(problem, Problem):
-            raise ReliabilityFileError(
-                f"`problem` of {path.name} is not a slowtime.reliability.Problem."
-            )
-        return problem
+        module = _module(path)
+        problem, stated = _named(module, path, "problem"), getattr(module, "stated", Stated())
+        for name, value, kind in (("problem", problem, Problem), ("stated", stated, Stated)):
+            if not isinstance(value, kind):
+                raise ReliabilityFileError(
+                    f"`{name}` of {path.name} is not a {kind.__module__}.{kind.__name__}."
+                )
+        return problem, stated
     text = read_text(path, ReliabilityFileError)
-    own = None if limit_state is None else _executed(pathlib.Path(limit_state), "g")
-    return parse_problem(text, path.name, own)
+    own = None
+    if limit_state is not None:
+        own_path = pathlib.Path(limit_state)
+        own = _named(_module(own_path), own_path, "g")
+    file, lines = parse_checked(
+        text, path.name, ReliabilityFile, "reliability", ReliabilityFileError
+    )
+    stated = _stated(file)
+    if limit_state is not None:
+        name = f"g of {pathlib.Path(limit_state).name} ≤ 0"
+        stated = dataclasses.replace(stated, formula=name)
+    return _problem(file, lines, path.name, own), stated
 
 
-def parse_problem(text: str, name: str, own: Callable[..., Any] | None = None) -> Problem:
+def parse_problem(text: str, name: str) -> Problem:
     """Check the text of a reliability file; errors refer to it by `name`."""
     file, lines = parse_checked(
         text, name, ReliabilityFile, "reliability", ReliabilityFileError
     )
-    return _problem(file, lines, name, own)
+    return _problem(file, lines, name, None)
+
+
+def _stated(file: ReliabilityFile) -> Stated:
+    units = {name: one.unit for name, one in file.inputs.items() if one.unit}
+    return Stated(
+        name=file.name,
+        failure=file.failure,
+        period=file.period,
+        accepted=file.accepted,
+        units=units,
+    )
 
 
 def _problem(
@@ -176,8 +212,8 @@ def _by_name(own: Callable[..., Any], names: tuple[str, ...]) -> LimitState:
     )
 
 
-def _executed(path: pathlib.Path, wanted: str) -> Any:
-    """Execute a Python file that its owner has named, and return one of its names."""
+def _module(path: pathlib.Path) -> ModuleType:
+    """Execute a Python file that its owner has named."""
     spec = importlib.util.spec_from_file_location(f"slowtime_own_{path.stem}", path)
     if spec is None or spec.loader is None:
         raise ReliabilityFileError(
@@ -190,6 +226,10 @@ def _executed(path: pathlib.Path, wanted: str) -> Any:
         raise ReliabilityFileError(
             f"{path.name} cannot be imported: {type(error).__name__}: {error}."
         ) from error
+    return module
+
+
+def _named(module: ModuleType, path: pathlib.Path, wanted: str) -> Any:
     if not hasattr(module, wanted):
         raise ReliabilityFileError(f"{path.name} has no `{wanted}`. Define it there.")
     return getattr(module, wanted)

@@ -7,6 +7,8 @@ from .first_page import (
     Improvement,
     Sketch,
     level_of,
+    measured_on,
+    subject_of,
 )
 from .page import (
     VIEWER,
@@ -39,6 +41,8 @@ __all__ = [
     "Words",
     "charts_in",
     "level_of",
+    "measured_on",
     "page_text",
+    "subject_of",
     "write_page",
 ]

@@ -1,7 +1,7 @@
 """The first page of every report: question, answer, confidence, one picture, what to do.
 
 Alternatives that fit as well stand beside the answer. An improvement is stated against the
-model as given and against the refitted one. Where and when the data are from stands below.
+model as given and against the refitted one. Of what, where and when the data are stands below.
 """
 
 import dataclasses
@@ -10,7 +10,10 @@ import html
 import importlib.metadata
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Literal
+
+from slowtime_schemas.slow_times import FIRST_CLOCK_S
 
 from .words import Words
 
@@ -21,6 +24,13 @@ SURE, LIKELY = 0.95, 0.7
 """Probabilities [1] from which confidence is called high and medium. Source: 0.95 is the
 customary level of a test, 0.7 is what makes an answer more than twice as likely as all else."""
 
+
+LONG_ANSWER = 150
+"""Letters of an answer [1] from which it is set smaller: beyond four lines, the facts below
+would leave the sheet."""
+
+LONG_FACT = 45
+"""Letters of a fact [1] from which it has a row of its own: two lines of a column in print."""
 
 MOST_ALTERNATIVES = 6
 """Other answers on a first page [1]: with more, it is none."""
@@ -98,9 +108,13 @@ class FirstPage:
     Parameters
     ----------
     subject
-        Name of the structure or of the file.
+        Name of the structure; see `subject_of` for where none is known.
     question, answer
         A sentence each.
+    measured
+        When the data were measured, as `measured_on` writes it.
+    definition
+        What a word of the answer means, such as failure; empty where none needs it.
     actions
         What to do, the most urgent first.
     alternatives
@@ -117,6 +131,8 @@ class FirstPage:
     answer: str
     confidence: Confidence
     actions: Sequence[str]
+    measured: str
+    definition: str = ""
     alternatives: Sequence[Alternative] = ()
     improvement: Improvement | None = None
     facts: Sequence[tuple[str, str]] = ()
@@ -138,6 +154,41 @@ def made_on() -> str:
     return f"{now:%Y-%m-%d}"
 
 
+Span = tuple[int | None, float | None]
+"""Time of the first sample [ns since 1970] and length [s]; None where the file does not say."""
+
+
+def measured_on(spans: Sequence[Span], words: Words) -> str:
+    """Write when data were measured: from the first to the last of their spans, UTC."""
+    known = [
+        (start / 1e9, start / 1e9 + (long_s or 0.0))
+        for start, long_s in spans
+        if start is not None and start >= FIRST_CLOCK_S * 1e9
+    ]
+    if not known:
+        return words("measured.unknown")
+    first, last = (
+        datetime.datetime.fromtimestamp(end, datetime.UTC)
+        for end in (min(one[0] for one in known), max(one[1] for one in known))
+    )
+    if first.date() == last.date():
+        return f"{first:%Y-%m-%d %H:%M}"
+    return words("measured.span", first=f"{first:%Y-%m-%d}", last=f"{last:%Y-%m-%d}")
+
+
+def subject_of(given: str, file: str, words: Words) -> str:
+    """Name what a report is about.
+
+    Parameters
+    ----------
+    given
+        Name of the structure; empty where neither flag nor file states one.
+    file
+        Name of the file of the data, whose stem is quoted where there is no other name.
+    """
+    return given or words("subject.record", name=Path(file).stem.replace("_", " "))
+
+
 def first_page(page: FirstPage, words: Words, picture: str) -> str:
     """Write it as HTML.
 
@@ -146,6 +197,7 @@ def first_page(page: FirstPage, words: Words, picture: str) -> str:
     picture
         HTML of the one picture; empty for none.
     """
+    long = ' class="long"' if len(page.answer) > LONG_ANSWER else ""
     return "\n".join(
         [
             '<header class="first">',
@@ -153,10 +205,15 @@ def first_page(page: FirstPage, words: Words, picture: str) -> str:
             f"{_escaped(page.subject)}</p>",
             f'<p class="question">{_escaped(page.question)}</p>',
             '<div class="beside"><div class="told">',
-            f"<h1>{_escaped(page.answer)}</h1>",
+            f"<h1{long}>{_escaped(page.answer)}</h1>",
             f'<p class="confidence {page.confidence.level}"><strong>'
             f"{_escaped(words(f'confidence.{page.confidence.level}'))}</strong> "
-            f"{_escaped(page.confidence.number)}</p></div>",
+            f"{_escaped(page.confidence.number)}</p>",
+            *(
+                [f'<p class="definition">{_escaped(page.definition)}</p>']
+                * bool(page.definition)
+            ),
+            "</div>",
             *_alternatives(page, words),
             "</div>",
             f'<div class="shown">{picture}{_sketch(page, words)}</div>',
@@ -178,8 +235,11 @@ def _alternatives(page: FirstPage, words: Words) -> Iterator[str]:
     yield f'<aside class="alternatives"><h2>{_escaped(words(f"alternatives.{page.kind}"))}</h2>'
     if page.alternatives:
         yield "<ul>"
-        for one in page.alternatives:
+        for one in page.alternatives[:MOST_ALTERNATIVES]:
             yield f"<li>{_escaped(one.name)} <span>{_escaped(one.measure)}</span></li>"
+        more = len(page.alternatives) - MOST_ALTERNATIVES
+        if more > 0:
+            yield f"<li>{_escaped(words('alternatives_more', n=more))}</li>"
         yield "</ul>"
     else:
         yield f"<p>{_escaped(words(f'no_alternatives.{page.kind}'))}</p>"
@@ -219,12 +279,14 @@ def _facts(page: FirstPage, words: Words) -> Iterator[str]:
     if page.place:
         rows.append((words("facts.place"), page.place))
     rows += [
+        (words("facts.measured"), page.measured),
         (words("facts.made"), made_on()),
         (words("facts.version"), f"slowtime {importlib.metadata.version('slowtime')}"),
     ]
     yield '<dl class="facts">'
     for label, value in rows:
-        yield f"<div><dt>{_escaped(label)}</dt><dd>{_escaped(value)}</dd></div>"
+        wide = ' class="long"' if len(value) > LONG_FACT else ""
+        yield f"<div{wide}><dt>{_escaped(label)}</dt><dd>{_escaped(value)}</dd></div>"
     yield "</dl>"
 
 

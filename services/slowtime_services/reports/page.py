@@ -32,10 +32,16 @@ PLOTLY = Path(plotly.__file__).parent / "package_data" / "plotly.min.js"
 
 _SECTION = re.compile(r"<section>\n<h2[^>]*>(.*?)</h2>\n(.*?)\n</section>", re.DOTALL)
 _NUMBER = re.compile(r"[-+−]?\d[\d.,]*(e[-+−]?\d+)?")
-_CHART = re.compile(
+_CHART_TEXT = (
     r'<div class="chart" role="img" aria-label="([^"]*)">'
     r'<script type="application/json">([^<]*)</script></div>'
 )
+_CHART = re.compile(_CHART_TEXT)
+_PICTURE = re.compile(rf'<div class="picture" data-heading="([^"]+)"><figure>{_CHART_TEXT}')
+
+_SENTENCE_END = re.compile(r"(?<=[.!?])\s+(?=[^\Wa-z\d_]|[“±])")
+LEAST_WORDS = 4
+"""Words [1] from which a sentence is not written twice: "± is one sd." may be."""
 
 STYLE = (Path(__file__).parent / "page.css").read_text(encoding="utf-8")
 
@@ -52,10 +58,10 @@ for (const place of document.querySelectorAll('.chart')) {
   const { data, layout } = JSON.parse(place.querySelector('script').textContent);
   place.textContent = '';
   const axes = Object.fromEntries(Object.entries(layout).filter(([k]) => /^[xy]axis/.test(k))
-    .map(([k, v]) => [k, { gridcolor: line, zerolinecolor: line, ...v }]));
-  Plotly.newPlot(place, data, { margin: { t: 24, r: 16 }, paper_bgcolor: 'rgba(0,0,0,0)',
+    .map(([k, v]) => [k, { gridcolor: line, zerolinecolor: line, automargin: true, ...v }]));
+  Plotly.newPlot(place, data, { margin: { t: 24, r: 16, b: 44 }, paper_bgcolor: 'rgba(0,0,0,0)',
     plot_bgcolor: 'rgba(0,0,0,0)', modebar: { bgcolor: 'rgba(0,0,0,0)' },
-    font: { color: ink }, legend: { orientation: 'h', y: 1.12 },
+    font: { color: ink }, legend: { orientation: 'h', y: 1.02, yanchor: 'bottom' },
     ...layout, ...axes }, { responsive: true, displaylogo: false });
 }
 }
@@ -80,11 +86,23 @@ class Table:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Chart:
-    """Traces and layout for plotly.js, and a description of the chart."""
+    """Traces and layout for plotly.js, and a description of the chart.
+
+    Parameters
+    ----------
+    words
+        Description, for those who do not see the chart as well.
+    hint
+        What can be done with the chart on a screen; paper leaves it out.
+    caption
+        Sentences of the description that stand below it; None for all of them.
+    """
 
     data: Sequence[Mapping[str, Any]]
     layout: Mapping[str, Any]
     words: str
+    hint: str = ""
+    caption: str | None = None
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -132,6 +150,7 @@ def write_page(
     *,
     first: FirstPage | None = None,
     picture: Chart | None = None,
+    heading: str = "",
     language: str = "en",
 ) -> None:
     """Write the page as HTML, or as PDF where the path ends so.
@@ -144,6 +163,8 @@ def write_page(
         Heading and sentence of a page without a first page; the title of the file.
     first, picture
         First page, and its one picture, which is not repeated below.
+    heading
+        Of the details to which the picture belongs; empty for none.
     language
         Of the first page and of the headings; details stay English.
 
@@ -152,7 +173,9 @@ def write_page(
     PrintingError
         Where a PDF cannot be made.
     """
-    text = page_text(title, lead, sections, first=first, picture=picture, language=language)
+    text = page_text(
+        title, lead, sections, first=first, picture=picture, heading=heading, language=language
+    )
     if path.suffix.lower() != ".pdf":
         path.write_text(text, encoding="utf-8")
         return
@@ -169,6 +192,7 @@ def page_text(
     *,
     first: FirstPage | None = None,
     picture: Chart | None = None,
+    heading: str = "",
     language: str = "en",
 ) -> str:
     """Give the HTML of a page, as `write_page` writes it."""
@@ -179,8 +203,11 @@ def page_text(
     if first is None:
         head = [f"<h1>{html.escape(title)}</h1>", f"<p>{html.escape(lead)}</p>"]
     else:
-        head = [first_page(first, words, "" if picture is None else _chart(picture))]
-    body = "\n".join([*head, *(_section(section, words) for section in sections)])
+        drawn = "" if picture is None else _chart(picture)
+        drawn = f'<div class="picture" data-heading="{html.escape(heading)}">{drawn}</div>'
+        head = [first_page(first, words, drawn)]
+    told = _told(sections, "\n".join(head))
+    body = "\n".join([*head, *(_section(section, words) for section in told)])
     scripts = (
         f'<script id="library" type="application/gzip">{_library()}</script>\n'
         f"<script>{DRAW}</script>"
@@ -209,6 +236,10 @@ def _library() -> str:
 def charts_in(page: str) -> Iterator[tuple[str, Chart]]:
     """Yield the charts of a page that `write_page` wrote, each below its heading."""
     sections, _, _ = page.partition("<script>")
+    for heading, words, figure in _PICTURE.findall(sections):
+        drawn = json.loads(figure)
+        told = Chart(drawn["data"], drawn["layout"], html.unescape(words))
+        yield html.unescape(heading), told
     for heading, inside in _SECTION.findall(sections):
         for words, figure in _CHART.findall(inside):
             drawn = json.loads(figure)
@@ -216,6 +247,39 @@ def charts_in(page: str) -> Iterator[tuple[str, Chart]]:
                 html.unescape(heading),
                 Chart(drawn["data"], drawn["layout"], html.unescape(words)),
             )
+
+
+def _told(sections: Sequence[Section], head: str) -> Iterator[Section]:
+    """Yield sections without sentences that stand before them; none that is left empty."""
+    visible = re.sub(r"<script.*?</script>", "", head, flags=re.DOTALL)
+    said = [_key(html.unescape(text)) for text in re.findall(r">([^<]+)<", visible)]
+
+    def fresh(text: str) -> str:
+        kept = []
+        for sentence in _SENTENCE_END.split(text):
+            key = _key(sentence)
+            if len(key.split()) >= LEAST_WORDS and any(key in one for one in said):
+                continue
+            said.append(key)
+            kept.append(sentence)
+        return " ".join(kept)
+
+    def with_fresh_caption(item: Item) -> Item:
+        if isinstance(item, Table):
+            return dataclasses.replace(item, caption=fresh(item.caption))
+        if isinstance(item, Chart):
+            return dataclasses.replace(item, caption=fresh(item.words))
+        return item
+
+    for section in sections:
+        sentences = [one for text in section.words if (one := fresh(text))]
+        shown = [with_fresh_caption(one) for one in section.shown]
+        if sentences or shown:
+            yield Section(section.heading, sentences, shown)
+
+
+def _key(sentence: str) -> str:
+    return " ".join(sentence.split()).rstrip(".").casefold()
 
 
 def _section(section: Section, words: Words) -> str:
@@ -240,22 +304,23 @@ def _item(shown: Item, words: Words) -> str:
         return _table(shown, words)
     if isinstance(shown, PoleChoice):
         return _pole_choice(shown, words)
-    return _chart(shown) if isinstance(shown, Chart) else _scene(shown)
+    return _chart(shown, _of(words)) if isinstance(shown, Chart) else _scene(shown, words)
 
 
 def _pole_choice(choice: PoleChoice, words: Words) -> str:
     content = json.dumps({"name": choice.name, "text": choice.text}).replace("<", "\\u003c")
+    drawn = _chart(choice.chart, _of(words))
     return (
-        f'<div class="choice">{_chart(choice.chart)}\n<div class="poles"{_of(words)}>'
+        f'<div class="choice">{drawn}\n<div class="poles"{_of(words)}>'
         f'<script type="application/json">{content}</script></div></div>'
     )
 
 
-def _scene(scene: Scene) -> str:
+def _scene(scene: Scene, words: Words) -> str:
     content = json.dumps(scene.scene, allow_nan=False).replace("<", "\\u003c")
     return (
-        f'<div class="scene"><script type="application/json">{content}</script></div>\n'
-        f'<p class="soft">{html.escape(scene.words)}</p>'
+        f'<figure><div class="scene"><script type="application/json">{content}</script></div>\n'
+        f"<figcaption{_of(words)}>{html.escape(scene.words)}</figcaption></figure>"
     )
 
 
@@ -265,7 +330,8 @@ def _table(table: Table, words: Words) -> str:
         for cell in table.headings
     )
     rows = "\n".join("<tr>" + "".join(map(_cell, row)) + "</tr>" for row in table.rows)
-    caption = f"<caption>{html.escape(table.caption)}</caption>" if table.caption else ""
+    caption = html.escape(table.caption)
+    caption = f"<caption{_of(words)}>{caption}</caption>" if caption else ""
     return (
         f'<div class="wide"><table>{caption}<thead><tr>{head}</tr></thead>'
         f"<tbody>{rows}</tbody></table></div>"
@@ -278,11 +344,14 @@ def _cell(text: str) -> str:
     return f"<td{whole}>{html.escape(text)}</td>"
 
 
-def _chart(chart: Chart) -> str:
+def _chart(chart: Chart, of: str = "") -> str:
+    """Write a chart above its caption, in one block, which page breaks do not divide."""
     figure = json.dumps({"data": chart.data, "layout": chart.layout}, allow_nan=False)
     figure = figure.replace("<", "\\u003c")
+    caption = html.escape(chart.words if chart.caption is None else chart.caption)
+    hint = f' <span class="hint">{html.escape(chart.hint)}</span>' if chart.hint else ""
     return (
-        f'<div class="chart" role="img" aria-label="{html.escape(chart.words)}">'
+        f'<figure><div class="chart" role="img" aria-label="{html.escape(chart.words)}">'
         f'<script type="application/json">{figure}</script></div>\n'
-        f'<p class="soft">{html.escape(chart.words)}</p>'
+        f"<figcaption{of}>{caption}{hint}</figcaption></figure>"
     )

@@ -39,7 +39,7 @@ const ENGLISH = {
   legend_suspected: "Suspected to have changed: {elements}.", change: "{name} {value} ({interval})", changes: "Changes: {changes}.",
   key_loss: "loss of {share}", key_none: "no change", key_gain: "gain of {share}", key_sure: "thick: certain, the 95 % interval leaves out zero", key_unsure: "dashed: not certain", key_fixed: "thin: not estimated",
   sensor_measures: "Sensor measures", sensor_missing: "Sensor missing from the reading", sensor_silent: "Sensor silent", sensors: "{health}: {names}.",
-  legend_turn: "Drag sideways or press the arrow keys to rotate. Displacements are strongly exaggerated.",
+  legend_scale: "Displacements are strongly exaggerated.", legend_turn: "Drag sideways or press the arrow keys to rotate.",
 };
 const english = (key, values = {}) => ENGLISH[key].replace(/\{(\w+)\}/g, (_, name) => values[name]);
 const SPOKEN = { words: english, digits: plain, fixed: (x, places) => x.toFixed(places) };
@@ -191,8 +191,10 @@ export class WireframeView {
     this.legend.textContent = [
       words(!both ? "legend_rest" : coloured ? "legend_coloured" : "legend_both"),
       changed.length ? words(coloured ? "legend_suspected" : "legend_changed", { elements: changed.join(", ") }) : "",
-      words("legend_turn"),
+      words("legend_scale"),
     ].filter(Boolean).join(" ");
+    // Paper leaves out what can be done on a screen only.
+    this.legend.append(" ", make("span", words("legend_turn"), "hint"));
     this.key();
     this.canvas.setAttribute("aria-label", [text, words("nodes", { n: this.scene.nodes.length }), ...this.inWords()].join(" "));
     Object.assign(this.canvas.dataset, { mode: place, nodes: this.scene.nodes.length, lines: this.scene.lines.length, points: mode?.points?.nodes.length ?? 0, changed: changed.join(" ") });

@@ -1,6 +1,7 @@
 """Words of a first page in each language, and numbers as its readers write them."""
 
 import functools
+import math
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,10 @@ from slowtime_services.documents.document_files import read_json_file
 
 FOLDER = Path(__file__).parent / "messages"
 LANGUAGES = ("en", "de")
+LEAST_POWER = 1e7
+"""Numbers from here on are written with a power of ten [1]: eight digits are not read."""
+
+RAISED = str.maketrans("0123456789−", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 MOST_SURE = 0.999
 """Probability [1] beyond which only a bound is written. Source: what was not compared at all
 has a probability, too."""
@@ -44,6 +49,15 @@ class Words:
         """Return a message with values in the places of their names."""
         return str(self._messages["messages"][key]).format(**values)
 
+    def known(self, key: str) -> str | None:
+        """Return a message without values; None where there is none of that key."""
+        found: str | None = self._messages["messages"].get(key)
+        return found
+
+    def localised(self, number: str) -> str:
+        """Write the decimal marks of a written number as this language has them."""
+        return number.replace(".", ",") if self.language == "de" else number
+
     def heading(self, english: str) -> str | None:
         """Return a heading of details in this language; None where it has none."""
         if self.language == "en" or not english:
@@ -52,12 +66,54 @@ class Words:
         return found
 
     def number(self, value: float, digits: int = 3) -> str:
-        """Write a number with so many significant digits."""
-        text = f"{value:.{digits}g}".replace("-", "−")
-        return text.replace(".", ",") if self.language == "de" else text
+        """Write a number with so many significant digits.
+
+        Examples
+        --------
+        >>> Words().number(3123.4), Words().number(4.2e-5), Words("de").number(0.1234)
+        ('3,120', '4.2·10⁻⁵', '0,123')
+        """
+        if 10.0**digits <= abs(value) < LEAST_POWER:
+            return self.whole(value, digits)
+        mantissa, _, exponent = f"{value:.{digits}g}".replace("-", "−").partition("e")
+        text = self.localised(mantissa)
+        if not exponent:
+            return text
+        power = exponent.lstrip("+").replace("−0", "−").lstrip("0").translate(RAISED)
+        return f"{text}·10{power}"
+
+    def measured(self, value: float, sd: float) -> tuple[str, str]:
+        """Write a number and its standard deviation, to two digits of the latter.
+
+        Examples
+        --------
+        >>> Words().measured(0.08213, 0.1712), Words("de").measured(65.93, 22.9)
+        (('0.08', '0.17'), ('66', '23'))
+        """
+        if not (sd > 0 and math.isfinite(sd) and math.isfinite(value)):
+            return self.number(value), self.number(sd, 2)
+        places = max(1 - math.floor(math.log10(sd)), 0)
+        if places > 6 or abs(value) >= 1e6:
+            return self.number(value, 6), self.number(sd, 2)
+        texts = (f"{number:.{places}f}".replace("-", "−") for number in (value, sd))
+        shown, around = map(self.localised, texts)
+        return shown, around
+
+    def whole(self, value: float, digits: int = 3) -> str:
+        """Write a count with so many significant digits and separated thousands.
+
+        Examples
+        --------
+        >>> Words("de").whole(123456.0), Words().whole(17.3)
+        ('123.000', '17')
+        """
+        text = f"{float(f'{value:.{digits}g}'):,.0f}".replace("-", "−")
+        return text.replace(",", ".") if self.language == "de" else text
 
     def probability(self, p: float) -> str:
-        """Write a probability in percent; none is 100 %, as no comparison is of everything."""
+        """Write a probability in percent; none is 0 or 100 %, as nothing compares all."""
+        if p < 1.0 - MOST_SURE:
+            return f"< {self.percent(1.0 - MOST_SURE)}"
         return f"> {self.percent(MOST_SURE)}" if p > MOST_SURE else self.percent(p)
 
     def percent(self, share: float, digits: int = 3) -> str:

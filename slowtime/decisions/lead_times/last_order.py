@@ -15,7 +15,7 @@ from jaxtyping import Float
 from .access import Access
 
 SIDE = 1.645
-"""Standard deviations [1] of the ends of a 5 to 95 % interval of a normal number."""
+"""Standard deviations [1] of the ends of a 90 % interval of a normal number."""
 
 FLAT = 1e-9
 """Relative difference of costs [1] that is rounding."""

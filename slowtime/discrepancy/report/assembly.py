@@ -96,6 +96,7 @@ def assemble(
         surface=outcome.surface,
         notes=tuple(outcome.notes),
         measured_force=outcome.measured_force,
+        exhausted=outcome.exhausted,
     )
 
 

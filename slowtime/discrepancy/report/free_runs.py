@@ -75,7 +75,9 @@ def report(
         near_unknown=found.near_unknown,
         moved=moved_constants(kept, given),
         experiment=propose_experiment(found.pair or (), trials, kinds) if doubted else None,
-        nothing_probability=_nothing(found, located),
+        nothing_probability=(
+            white_p_value if unknown and not found.effects else _nothing(found, located)
+        ),
         where=_suspects(located),
         when=_when(located, given.unit_of_coordinate) if found.effects else NEVER,
         gap=_gap(() if unknown else found.effects, evaluation, kept),
@@ -93,6 +95,7 @@ def report(
         ),
         surface=_surface(found, kinds, unknown=unknown) if found.effects or unknown else None,
         notes=notes_of(given, judged, kept, evaluation, kinds, like),
+        exhausted=judged.found.exhausted,
         measured_force=None if closed is None else measured_force(closed, like, found, kinds),
     )  # fmt: skip
     return assemble(given, outcome, findings, kinds)

@@ -105,6 +105,7 @@ class CampaignOutcome(Outcome):
     when: When = NEVER
     surface: Surface | None = None
     measured_force: MeasuredForce | None = None
+    exhausted: bool = False
 
 
 def gap_of(

@@ -14,10 +14,12 @@ with a pattern :math:`d_k` for each direction in which they err together.
 """
 
 import dataclasses
+import functools
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.optimize import linear_sum_assignment
 
 from slowtime.finite_elements.close_modes import close_groups
@@ -32,6 +34,14 @@ _WIDEST = 0.3  # spread of ln f beyond which a prior says nothing on which mode 
 # [share of an eigenvalue] Stiffness between two close modes that no model states, such as of
 # joints that are not quite alike. Source: judgement; no study is recorded.
 _COUPLING = 1e-3
+
+
+class WhitenedShape(NamedTuple):
+    """Channels that saw a shape, what makes their errors white, and the shape so weighted."""
+
+    known: Bool[np.ndarray, " channel"]
+    whitening: Float[np.ndarray, "seen seen"]
+    target: Float[np.ndarray, " seen"]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -119,6 +129,38 @@ class MeasuredModes:
         """Standard deviations of the logarithms of the frequencies."""
         return np.asarray(self.frequency_sd_hz / self.frequency_hz)
 
+    @functools.cached_property
+    def whitened_shapes(self) -> tuple[WhitenedShape, ...]:
+        r"""Each shape over its errors made white; a search compares it a thousand times.
+
+        With :math:`D^{-1} d = U S V^T` of all patterns d, the covariance over the deviations D
+        is :math:`I + U S^2 U^T`, of which the inverse root is taken.
+        """
+        assert self.shapes is not None
+        assert self.shape_sd is not None
+        found = []
+        for j in range(len(self.shapes)):
+            known = np.isfinite(self.shapes[j]) & np.isfinite(self.shape_sd[j])
+            weight = 1.0 / self.shape_sd[j, known]
+            whitening = np.diag(weight)
+            if self.shape_common is not None and self.shape_common.shape[1]:
+                patterns = weight[:, None] * self.shape_common[j][:, known].T
+                left, size, _ = np.linalg.svd(patterns, full_matrices=False)
+                whitening -= (left * (1.0 - (1.0 + size**2) ** -0.5)) @ left.T * weight
+            found.append(WhitenedShape(known, whitening, whitening @ self.shapes[j, known]))
+        return tuple(found)
+
+    @functools.cached_property
+    def heard(
+        self,
+    ) -> tuple[tuple[Bool[np.ndarray, " channel"], Int[np.ndarray, " mode"]], ...]:
+        """Sets of channels that saw a shape, and the modes that each set saw."""
+        assert self.shapes is not None
+        assert self.shape_sd is not None
+        known = np.isfinite(self.shapes) & np.isfinite(self.shape_sd)
+        sets, which = np.unique(known, axis=0, return_inverse=True)
+        return tuple((one, np.flatnonzero(which == k)) for k, one in enumerate(sets))
+
     def seen_by(self, structure: UpdatableModel) -> Float[np.ndarray, "channel dof"]:
         """Return what each channel sees, checked against the structure and the shapes."""
         seen = np.eye(structure.size) if self.channels is None else self.channels
@@ -200,7 +242,7 @@ def _shape_gap(
     measured: MeasuredModes, modes: SensedModes, j: int, group: list[int]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Residual and slope of one shape, its factor fitted unless it is known."""
-    known, whitening, target = _whitened(measured, j)
+    known, whitening, target = measured.whitened_shapes[j]
     model = whitening @ modes.sensed[known, group[0]]
     slope = whitening @ modes.sensed_slope[known, group[0]]
     power = float(model @ model)
@@ -222,7 +264,7 @@ def _subspace_gap(
     The shapes of close modes turn among each other under the least change, so that only their
     span can be compared; the factors on all of them are fitted.
     """
-    known, whitening, target = _whitened(measured, j)
+    known, whitening, target = measured.whitened_shapes[j]
     model = whitening @ modes.sensed[known][:, group]
     slopes = np.tensordot(whitening, modes.sensed_slope[known][:, group], axes=1)
     if not model.any():
@@ -233,24 +275,6 @@ def _subspace_gap(
     factors = right[kept].T @ ((left.T @ target) / size[kept])
     slope = np.einsum("cgp,g->cp", slopes, factors)
     return target - left @ (left.T @ target), slope - left @ (left.T @ slope)
-
-
-def _whitened(measured: MeasuredModes, j: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    r"""Channels that saw a shape, what makes their errors white, and the shape so weighted.
-
-    With :math:`D^{-1} d = U S V^T` of all patterns d, the covariance over the deviations D is
-    :math:`I + U S^2 U^T`, of which the inverse root is taken.
-    """
-    assert measured.shapes is not None
-    assert measured.shape_sd is not None
-    known = np.isfinite(measured.shapes[j]) & np.isfinite(measured.shape_sd[j])
-    weight = 1.0 / measured.shape_sd[j, known]
-    whitening = np.diag(weight)
-    if measured.shape_common is not None and measured.shape_common.shape[1]:
-        patterns = weight[:, None] * measured.shape_common[j][:, known].T
-        left, size, _ = np.linalg.svd(patterns, full_matrices=False)
-        whitening -= (left * (1.0 - (1.0 + size**2) ** -0.5)) @ left.T * weight
-    return known, whitening, whitening @ measured.shapes[j, known]
 
 
 def _pair(
@@ -272,13 +296,15 @@ def _pair(
     if measured.shapes is not None and measured.shape_sd is not None:
         known = np.isfinite(measured.shapes) & np.isfinite(measured.shape_sd)
         shapes = np.where(known, measured.shapes, 0.0)
-        own, span = _alike(modes, groups, shapes, known)
+        own, span = _alike(modes, groups, shapes, known, measured.heard)
         columns, power = modes.sensed, np.sum(shapes**2, axis=1)[:, None]
         turned = np.sum((modes.sensed_slope * spread) ** 2, axis=(0, 2))
         drift = turned / np.maximum(np.sum(columns**2, axis=0), 1e-300)
         others, turning = np.zeros(len(drift)), np.zeros(len(drift))
         for group in groups:
             # Each member could lie anywhere in the span, so that all drift as far as one.
+            if len(group) == 1:
+                continue
             drift[group], others[group] = drift[group].max(), len(group) - 1
             turning[group] = _turning(modes.frequency_hz[group])
         noise = np.sum(np.where(known, _component_sd(measured), 0.0) ** 2, axis=1)[:, None]
@@ -330,7 +356,11 @@ def _in_order(
 
 
 def _alike(
-    modes: SensedModes, groups: list[list[int]], shapes: np.ndarray, known: np.ndarray
+    modes: SensedModes,
+    groups: list[list[int]],
+    shapes: np.ndarray,
+    known: np.ndarray,
+    heard: Sequence[tuple[np.ndarray, np.ndarray]],
 ) -> tuple[np.ndarray, np.ndarray]:
     """MAC of each measured shape with each mode, and with the span of all that are close."""
     columns = modes.sensed
@@ -338,9 +368,7 @@ def _alike(
     alone = (shapes @ columns) ** 2 / np.maximum((known @ columns**2) * power, 1e-300)
     alike = alone.copy()
     close = [group for group in groups if len(group) > 1]
-    heard, which = np.unique(known, axis=0, return_inverse=True)
-    for k, channels in enumerate(heard):
-        own = np.flatnonzero(which == k)
+    for channels, own in heard:
         for group in close:
             basis = np.linalg.qr(columns[channels][:, group])[0]
             inside = np.sum((shapes[own][:, channels] @ basis) ** 2, axis=1, keepdims=True)

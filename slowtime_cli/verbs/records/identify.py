@@ -9,7 +9,7 @@ from slowtime_cli.shared.declared import options_of
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING, record_flags
 from slowtime_cli.shared.options import POSITIVE, Names, OutFile
-from slowtime_cli.shared.report_flags import language_flag
+from slowtime_cli.shared.report_flags import wording_flags
 
 UNIVERSAL = (".uff", ".unv")
 """As `slowtime_services.modal.UNIVERSAL`, without reading modes yet."""
@@ -133,7 +133,7 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
     help="Model file (YAML or JSON, finite elements too) to compare the modes with, mode by "
     "mode; or modes of another program, as a universal file (.uff, .unv).",
 )
-@language_flag
+@wording_flags
 @click.option(
     "--report",
     type=OutFile(".html", ".pdf"),

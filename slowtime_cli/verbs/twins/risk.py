@@ -38,7 +38,7 @@ def risk(server: str | None, source: object, **given: Any) -> None:
 
     A limit state is a change that passes a threshold, a frequency that coincides with an
     excitation, a response to a load event that exceeds a capacity, or a limit state of your
-    own. Gives the probability now with its 5 to 95 % band, the reliability index, the
+    own. Gives the probability now with its 90 % interval, the reliability index, the
     probability up to the horizon, and when the accepted probability is reached.
     """
     refuse_incomplete_query(source=source, server=server, **given)

@@ -13,6 +13,7 @@ from slowtime.reliability import Problem, estimate, marginal
 from slowtime_cli.records import mode_tables
 from slowtime_schemas.answers.plans import PLAN_EXAMPLE
 from slowtime_services.diagnose import document_of, write_report
+from slowtime_services.problem_files.stated import Stated
 from slowtime_services.reports import Section, Sketch, Words
 from slowtime_services.reports.kinds.modes import modes_page
 from slowtime_services.reports.kinds.plan import write_plan_report
@@ -20,6 +21,9 @@ from slowtime_services.reports.kinds.reliability import write_reliability_report
 from slowtime_services.reports.kinds.state import write_state_report
 from slowtime_services.reports.page import write_page
 from tests.services.diagnose.slide import told
+
+MEASURED_NS = 1_772_619_600_000_000_000
+"""2026-03-04 10:20 UTC [ns]."""
 
 CHANNELS = ("roof", "middle", "ground")
 
@@ -60,7 +64,14 @@ def modes(path: Path, language: str) -> None:
     result, words = modal_result(), Words(language)
     sketch = Sketch([("1", 0.0, 0.0), ("2", 0.0, 3.0)], [("1–2", "1", "2")], ("2",))
     first = modes_page(
-        "tower.csv", result, CHANNELS, words, rate_hz=40.0, duration_s=600.0, sketch=sketch
+        "tower.csv",
+        result,
+        CHANNELS,
+        words,
+        rate_hz=40.0,
+        duration_s=600.0,
+        start_ns=MEASURED_NS,
+        sketch=sketch,
     )
     table = mode_tables._table(result, ())
     spectra = mode_tables._spectra(result, "Spectra.")
@@ -68,6 +79,14 @@ def modes(path: Path, language: str) -> None:
     write_page(
         path, "Modes", first.answer, sections, first=first, picture=spectra, language=language
     )
+
+
+def modes_with_shapes(path: Path, language: str) -> None:
+    """Write a report on modes with their shapes, whose legend switches them."""
+    result, words = modal_result(), Words(language)
+    first = modes_page("tower.csv", result, CHANNELS, words)
+    shapes = Section("Shapes", (), [mode_tables._shapes(result, CHANNELS)])
+    write_page(path, "Modes", first.answer, [shapes], first=first, language=language)
 
 
 def diagnosis(path: Path, language: str) -> None:
@@ -87,6 +106,10 @@ def reliability(path: Path, language: str) -> None:
     found = [estimate(problem, name, seed=1) for name in ("form", "monte-carlo")]
     write_reliability_report(
         path, "beam.yaml", problem, found, {"system": "one limit state"}, seed=1,
+        stated=Stated(
+            name="Beam", failure="the beam breaks", period="50 years", accepted=0.01,
+            units={"strength": "MPa", "load": "MPa"},
+        ),
         language=language,
     )  # fmt: skip
 
@@ -123,7 +146,9 @@ def states(loss=0.25, sd=0.01):
 
 def state(path: Path, language: str) -> None:
     """Write the report of a state."""
-    write_state_report(path, "lab.beam", states(), "stiffness", language=language)
+    write_state_report(
+        path, "beam.csv", states(), "stiffness", structure="lab.beam", language=language
+    )
 
 
 WRITERS = {

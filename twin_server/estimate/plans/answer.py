@@ -1,5 +1,6 @@
 """Renders a plan as REST gives it: amounts, bands, times and sentences."""
 
+import dataclasses
 import datetime
 from typing import Any
 
@@ -9,7 +10,7 @@ from jaxtyping import Float
 from slowtime.decisions import Option, Plan, Worth
 from slowtime.decisions.option import band
 from slowtime_schemas.slow_times import LAST_CLOCK_S
-from twin_server.registration.costs import SECONDS
+from twin_server.registration.costs import SECONDS, CostTable
 
 from .plan import Planned, PlanOrder, plan_of
 from .wording import (
@@ -49,8 +50,11 @@ def answer_of_plan(twin_id: str, order: PlanOrder, made: Planned) -> dict[str, A
     other = None if ranking.other is None else plan.options[ranking.other]
     return {
         "id": twin_id,
+        "name": order.name,
         "since": order.laws.now,
         "currency": costs.currency,
+        "costs": _costs(costs),
+        "months": list(order.decision.access.months),
         "time_unit": costs.time_unit,
         "slow_time_unit": order.unit,
         "seconds": seconds,
@@ -92,12 +96,13 @@ def answer_of_plan(twin_id: str, order: PlanOrder, made: Planned) -> dict[str, A
     }
 
 
-def refusal_of(twin_id: str, reason: str) -> dict[str, Any]:
+def refusal_of(twin_id: str, reason: str, name: str = "") -> dict[str, Any]:
     """Render the reason why there is no plan yet."""
     nothing = dict.fromkeys(
         (
             "since",
             "currency",
+            "costs",
             "time_unit",
             "slow_time_unit",
             "seconds",
@@ -110,13 +115,18 @@ def refusal_of(twin_id: str, reason: str) -> dict[str, Any]:
     empty: dict[str, Any] = {
         name: []
         for name in (
-            "changes", "options", "times", "repair_cost", "failure_probability", "break_even",
-            "information", "inspections",
+            "months", "changes", "options", "times", "repair_cost", "failure_probability",
+            "break_even", "information", "inspections",
         )
     }  # fmt: skip
     nothing["difference"] = None
     told = {"decided": False, "sentence": reason, "valid": False, "reasons": [reason]}
-    return {"id": twin_id, **nothing, **empty, **told}
+    return {"id": twin_id, "name": name, **nothing, **empty, **told}
+
+
+def _costs(table: CostTable) -> dict[str, Any]:
+    """Render all that the owner pays for, as REST gives it."""
+    return dataclasses.asdict(table.costs())
 
 
 class _Clock:

@@ -62,6 +62,8 @@ class PlanOrder:
         Factor of the spread of the futures [1].
     since_ns
         Sensor time of the last reading [ns]; None where the calendar is not known.
+    name
+        Of the structure, as registered.
     """
 
     costs: CostTable
@@ -75,6 +77,7 @@ class PlanOrder:
     unit: str | None = None
     widening: float = 1.0
     since_ns: int | None = None
+    name: str = ""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

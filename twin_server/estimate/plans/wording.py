@@ -204,7 +204,7 @@ def last_order_sentence(plan: Plan, when: TimeWording) -> str:
     spread = ""
     if last.high > last.low and math.isfinite(last.high):
         early, late = (when.span(max(end, 0.0)) for end in (last.low, last.high))
-        spread = f" (5 to 95 %: {early} to {late})" if early != late else ""
+        spread = f" (90 % interval: {early} to {late})" if early != late else ""
     done = f", to be done in {when.moment(last.effect)}" if when.ahead else ""
     return (
         f"Last safe day to {'order a repair' if when.ahead else 'repair'}: in "
@@ -236,7 +236,7 @@ def _undecided(plan: Plan, currency: str, when: TimeWording) -> str:
     low, high = money(ranking.low, currency), money(ranking.high, currency)
     said = (
         f"Cannot decide between “{first}” and “{second}”: their expected costs differ by "
-        f"{money(ranking.difference, currency)} ({low} to {high})."
+        f"{money(ranking.difference, currency)} (90 % interval: {low} to {high})."
     )
     advice = plan.advice
     if advice is None:

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from slowtime_schemas.slow_times import FIRST_CLOCK_S
 from twin_server.estimate import (
     ForecastState,
     NotPlannableError,
@@ -147,13 +148,13 @@ class PlanCache:
     ) -> dict[str, Any]:
         order = self._order(twin, found, prospect)
         if order is None:
-            return refusal_of(twin_id, TOO_FEW)
+            return refusal_of(twin_id, TOO_FEW, twin.registration.name)
         if terms != AS_REGISTERED:
             order = dataclasses.replace(order, decision=terms.changed(order.decision))
         try:
             answer: dict[str, Any] = self._workers.run(plan_answer, twin_id, order)
         except NotPlannableError as error:
-            return refusal_of(twin_id, str(error))
+            return refusal_of(twin_id, str(error), twin.registration.name)
         return answer
 
     def _order(
@@ -182,8 +183,14 @@ class PlanCache:
             prospect.since - prospect.first,
             found.boots[int(found.number[-1])][1] or None,
             prospect.widening.get(quantity, 1.0),
-            int(found.states["t_ns"][-1]),
+            _calendar_ns(int(found.states["t_ns"][-1])),
+            registration.name,
         )
+
+
+def _calendar_ns(t_ns: int) -> int | None:
+    """Return a time of the sensor's clock; None where that is no calendar."""
+    return t_ns if t_ns >= FIRST_CLOCK_S * 1e9 else None
 
 
 def _holds(kept: _CachedPlan, registration: Registration, epoch: _Epoch, stale: int) -> bool:

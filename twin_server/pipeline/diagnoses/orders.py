@@ -1,7 +1,6 @@
 """Queues ordered diagnoses, keeps their results, and adopts or reverts augmented models."""
 
 import contextlib
-import dataclasses
 import json
 import shutil
 import tempfile
@@ -519,7 +518,7 @@ class Diagnoses:
 def _charts(page: bytes) -> bytes:
     """Return the charts of a report, without the library that draws them."""
     charts = [
-        {"heading": heading, **dataclasses.asdict(chart)}
+        {"heading": heading, "data": chart.data, "layout": chart.layout, "words": chart.words}
         for heading, chart in charts_in(page.decode())
     ]
     return json.dumps({"charts": charts}).encode()

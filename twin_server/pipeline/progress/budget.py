@@ -68,7 +68,7 @@ class WorkBudget:
         self._lock, self._some = threading.Lock(), threading.Event()
         self._guard: threading.Thread | None = None
 
-    def run(self, step: Callable[[], T], messages: int = 1) -> T:
+    def run(self, step: Callable[[], T], messages: int = 1, parameters: int = 0) -> T:
         """Return what a step returns.
 
         Parameters
@@ -77,6 +77,8 @@ class WorkBudget:
             Arithmetic that may be interrupted anywhere.
         messages
             How many messages it works; the budget grows with them.
+        parameters
+            Free parameters of twins of elements, summed over these messages.
 
         Raises
         ------
@@ -86,7 +88,8 @@ class WorkBudget:
         if self._step is not None:
             return step()  # within another step, whose budget is for both
         settings = self._settings
-        running = _Step(settings.step_s + settings.step_s_per_message * messages)
+        limit_s = settings.step_s + settings.step_s_per_message * messages
+        running = _Step(limit_s + settings.step_s_per_parameter * parameters)
         with self._progress.doing(Phase.STEP):
             self._watch(running)
             try:

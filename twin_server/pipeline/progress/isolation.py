@@ -70,6 +70,9 @@ class _BatchRows:
                 [self.covered[row] for row in rows],
             ),
             len(rows),
+            sum(
+                len(self.twins[self.owners[row]].registration.parameters or ()) for row in rows
+            ),
         )
         self.states[list(rows)] = found.states
         for place, checkpoint, seen in zip(

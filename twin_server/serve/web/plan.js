@@ -6,7 +6,7 @@ import { colour } from "./svg.js";
 import { compose, composed, digits, make, range, unitOf } from "./words.js";
 
 const HEIGHT_PX = 260, NARROW_PX = 480, LINES_PX = 34, DRAWN = 6;
-const HEADS = [t("plan.option"), t("plan.now"), t("plan.cost"), t("number.from_5_to_95"), t("plan.failures")];
+const HEADS = [t("plan.option"), t("plan.now"), t("plan.cost"), t("plan.futures"), t("plan.failures")];
 const DASHES = ["solid", "dash", "dot", "dashdot", "longdash", "longdashdot"];
 
 /** An amount with three digits. */

@@ -8,7 +8,7 @@ const HEIGHT_PX = 240;
 /** Probability below which models of loads and strengths know nothing: smaller ones are drawn and said as this one. */
 const LEAST = 1e-4, LEAST_INDEX = 3.72;
 const HEADS = [
-  t("risk.limit_state"), t("risk.now"), t("number.from_5_to_95"), t("risk.index"), t("risk.within"), t("risk.reached"),
+  t("risk.limit_state"), t("risk.now"), t("number.interval_90"), t("risk.index"), t("risk.within"), t("risk.reached"),
 ];
 
 const probability = (p) => (p < LEAST ? t("risk.below_least") : p < 1e-3 ? powered(p) : digits(p, 2));

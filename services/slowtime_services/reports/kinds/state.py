@@ -1,6 +1,7 @@
 """The report on the state of a twin: what has changed since as built, of its epochs."""
 
 import collections
+import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -15,33 +16,68 @@ from slowtime_services.reports.first_page import (
     Confidence,
     FirstPage,
     level_of,
+    measured_on,
+    subject_of,
 )
 from slowtime_services.reports.page import Chart, Section, Table, write_page
 from slowtime_services.reports.words import Words
 
 State = Mapping[str, Any]
 
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Reference:
+    """State from which changes are counted.
+
+    Parameters
+    ----------
+    nominal_hz
+        Natural frequency that was given [Hz]; None where it was learnt.
+    learnt
+        Epochs that it was learnt from [1].
+    """
+
+    nominal_hz: float | None = None
+    learnt: int = 0
+
+
+UNKNOWN_REFERENCE = Reference()
+
 ROWS = 60
 """Epochs of the table [1]: about a page."""
 
 
 def write_state_report(
-    path: Path, name: str, states: Sequence[State], changes: str, *, language: str = "en"
+    path: Path,
+    name: str,
+    states: Sequence[State],
+    changes: str,
+    *,
+    structure: str = "",
+    reference: Reference = UNKNOWN_REFERENCE,
+    language: str = "en",
 ) -> None:
     """Write the report of `slowtime evolve`, as HTML or PDF.
 
     Parameters
     ----------
+    name
+        Of the file of the epochs.
+    structure
+        Name of the structure; empty where none is known.
+    reference
+        What the changes are counted from.
     states
         Epochs as REST gives them, in order.
     changes
         stiffness, mass or both: what may change.
     """
     words = Words(language)
-    first = state_page(name, states, changes, words)
+    first = state_page(name, states, changes, words, structure=structure, reference=reference)
     write_page(
-        path, f"{words('kind.state')}: {name}", first.answer, list(_sections(states, changes)),
-        first=first, picture=_picture(states, changes, words), language=language,
+        path, f"{words('kind.state')}: {first.subject}", first.answer,
+        list(_sections(states, changes)), first=first,
+        picture=_picture(states, changes, words), language=language,
     )  # fmt: skip
 
 
@@ -49,8 +85,19 @@ def _wanted(changes: str) -> list[str]:
     return [name for name in ("stiffness", "mass") if changes in (name, "both")]
 
 
-def state_page(name: str, states: Sequence[State], changes: str, words: Words) -> FirstPage:
+def state_page(
+    name: str,
+    states: Sequence[State],
+    changes: str,
+    words: Words,
+    *,
+    structure: str = "",
+    reference: Reference = UNKNOWN_REFERENCE,
+) -> FirstPage:
     """Give the first page, of the latest epoch."""
+    subject = subject_of(structure, name, words)
+    first_ns, last_ns = (state.get("t_ns") for state in (states[0], states[-1]))
+    long_s = None if first_ns is None or last_ns is None else (last_ns - first_ns) / 1e9
     latest, wanted = states[-1], _wanted(changes)
     told = [(each, *_certainty(latest[f"{each}_change"])) for each in wanted]
     known = [one for one in told if math.isfinite(one[1])]
@@ -73,18 +120,37 @@ def state_page(name: str, states: Sequence[State], changes: str, words: Words) -
         bounds = [words.number(100 * (abs(v) + 1.96 * sd), 2) for _, v, sd, _ in known]
         within = " / ".join(bounds)
         confidence = Confidence(level_of(SURE), words("state.confidence_bound", most=within))
+    definition = f"{_reference(reference, words)} {words('sd')}"
     if ratio is not None:
-        answers.insert(0, _answer("ratio", *ratio, words))
+        parts = {
+            name: " ± ".join(words.measured(100 * value, 100 * sd))
+            for name, value, sd, _ in known
+        }
+        definition = f"{words('state.apart', **parts)} {definition}"
+        answers = [_answer("ratio", *ratio, words)]
     return FirstPage(
         kind="state",
-        subject=name,
-        question=words("state.question", name=name),
+        subject=subject,
+        question=words("state.question", name=subject),
+        measured=measured_on([(first_ns, long_s)], words),
+        definition=definition,
         answer=" ".join(answers),
         confidence=confidence,
         actions=list(_actions(latest, words, changed=bool(sure), tied=ratio is not None)),
-        alternatives=list(_alternatives(latest, wanted, ratio, words)),
+        alternatives=list(
+            _alternatives(latest, wanted, ratio, words, changed=bool(sure) or ratio is not None)
+        ),
         facts=list(_facts(name, states, words)),
     )
+
+
+def _reference(reference: Reference, words: Words) -> str:
+    if reference.nominal_hz is not None:
+        hz = words.number(reference.nominal_hz, 5)
+        return words("state.reference_nominal", hz=hz)
+    if reference.learnt:
+        return words("state.reference_learnt", n=reference.learnt)
+    return words("state.reference_unknown")
 
 
 def _certainty(estimate: State | None) -> tuple[float, float, float]:
@@ -118,27 +184,35 @@ def _answer(name: str, value: float, sd: float, chance: float, words: Words) -> 
         key, size = "none" if chance < LIKELY else "same", value
     else:
         key, size = "lost" if value < 0 else "gained", abs(value)
-    shown = words.number(100 * size, 3)
-    return words(f"state.{key}", what=what, size=shown, sd=words.number(100 * sd, 2))
+    shown, around = words.measured(100 * size, 100 * sd)
+    return words(f"state.{key}", what=what, size=shown, sd=around)
 
 
 def _actions(latest: State, words: Words, *, changed: bool, tied: bool) -> Iterator[str]:
     for reason in latest["reasons"]:
         yield words("state.do_reason", reason=reason)
     yield words("state.do_inspect" if changed or tied else "state.do_wait")
+    if changed or tied:
+        yield words("state.do_plan")
     if tied:
         yield words("state.do_tell_apart")
 
 
 def _alternatives(
-    latest: State, wanted: Sequence[str], ratio: tuple[float, float, float] | None, words: Words
+    latest: State,
+    wanted: Sequence[str],
+    ratio: tuple[float, float, float] | None,
+    words: Words,
+    *,
+    changed: bool,
 ) -> Iterator[Alternative]:
     """Give what else has the same frequency: (1 + k) / (1 + m) is what one mode knows."""
     keys: tuple[str, ...]
     if ratio is not None:
         value, sd, keys = ratio[0], ratio[1], ("stiffness", "mass")
     elif len(wanted) != 1 or latest[f"{wanted[0]}_change"] is None:
-        return
+        keys = ()
+        value = sd = 0.0
     else:
         of = latest[f"{wanted[0]}_change"]
         value, sd, keys = of["value"], of["sd"], tuple({"stiffness", "mass"} - {*wanted})
@@ -147,9 +221,11 @@ def _alternatives(
     for key in keys:
         size = value if key == "stiffness" else 1 / (1 + value) - 1
         error = sd if key == "stiffness" else sd / (1 + value) ** 2
-        shown, around = words.number(100 * size, 3), words.number(100 * error, 2)
+        shown, around = words.measured(100 * size, 100 * error)
         name = words(f"state.alternative_{key}", size=shown, sd=around)
         yield Alternative(name, words("state.same_frequency"))
+    if changed:
+        yield Alternative(words("state.alternative_other"), words("state.other_unread"))
 
 
 def _facts(name: str, states: Sequence[State], words: Words) -> Iterator[tuple[str, str]]:
@@ -157,11 +233,16 @@ def _facts(name: str, states: Sequence[State], words: Words) -> Iterator[tuple[s
     invalid = collections.Counter(r for state in states for r in state["reasons"])
     yield words("facts.data"), name
     for key, state in (("facts.from", states[0]), ("facts.until", states[-1])):
-        yield words(key), f"{words.number(state['slow_time'], 6)} {unit}".strip()
+        yield words(key), f"{words.number(state['slow_time'], 6)} {_unit(unit, words)}"
     yield words("facts.epochs"), str(len(states))
     count = sum(not state["valid"] for state in states)
     reasons = "; ".join(reason for reason, _ in invalid.most_common(2))
     yield words("facts.invalid"), f"{count}{f' ({reasons})' if reasons else ''}"
+
+
+def _unit(unit: str, words: Words) -> str:
+    """Name a unit of slow time; a text file does not state it."""
+    return words("unit.units") if unit in ("", "units") else unit
 
 
 def _picture(states: Sequence[State], changes: str, words: Words) -> Chart:
@@ -183,14 +264,14 @@ def _picture(states: Sequence[State], changes: str, words: Words) -> Chart:
                 "line": {"color": colour},
             },
         ]  # fmt: skip
-    what = ", ".join(words(f"state.{name}") for name in _wanted(changes))
-    unit = states[-1]["slow_time_unit"] or "1"
+    what = words("state.both") if changes == "both" else words(f"state.{changes}")
+    unit = _unit(states[-1]["slow_time_unit"] or "", words)
     layout = {
         "xaxis": {"title": {"text": words("state.axis_time", unit=unit)}},
-        "yaxis": {"title": {"text": words("state.axis", what=what)}},
+        "yaxis": {"title": {"text": words("state.axis")}},
         "showlegend": len(_wanted(changes)) > 1,
     }
-    return Chart(traces, layout, words("state.picture"))
+    return Chart(traces, layout, words("state.picture", what=what))
 
 
 def _sections(states: Sequence[State], changes: str) -> Iterator[Section]:

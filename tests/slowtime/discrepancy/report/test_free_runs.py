@@ -228,6 +228,8 @@ def test_constants_bent_by_an_unknown_effect_are_kept_where_they_predict_better(
     )
     told = report(campaign, trials, (), found, KINDS)
     assert (told.verdict == "unknown_effect") == unknown
+    # Of an unknown effect, that nothing is missing is as probable as so much from noise.
+    assert (told.nothing_probability == told.white_p_value) == unknown
     gap = told.gap
     assert (gap.refitted_nominal > gap.nominal) == (unseen != 880.0)
     assert (NOT_KEPT in told.notes) == (not kept)
@@ -269,6 +271,7 @@ def test_an_effect_that_leaves_far_more_than_noise_is_not_named_out_of_budget(
     told = report(Campaign(description=rig, trials=trials), trials, (), found, KINDS)
     assert told.verdict == verdict
     assert (HURRIED in told.notes) == exhausted
+    assert told.exhausted == exhausted
     if chi2 == 1.0:
         # One law that leaves noise is no patchwork of many.
         assert [effect.probability for effect in told.effects] == [1.0]

@@ -20,7 +20,7 @@ from twin_server.pipeline.progress import (
     estimate_apart,
     isolation,
 )
-from twin_server.registration.twin import Registration
+from twin_server.registration.twin import MODEL_EXAMPLE, Registration
 from twin_server.settings import ProgressSettings
 
 SHORT = ProgressSettings(step_s=0.3, step_s_per_message=0.0, silent_s=2.0, store_s=10.0)
@@ -71,6 +71,33 @@ def test_the_budget_grows_with_the_messages():
     with pytest.raises(OverBudgetError):
         WorkBudget(settings).run(work, 1)
     WorkBudget(settings).run(work, 20)
+
+
+def test_the_budget_grows_with_the_parameters_of_twins_of_elements():
+    settings = SHORT.model_copy(update={"step_s_per_parameter": 0.1})
+
+    def work():
+        began_s = time.thread_time()
+        while time.thread_time() - began_s < 0.6:
+            pass
+
+    with pytest.raises(OverBudgetError):
+        WorkBudget(settings).run(work, 1, 0)
+    WorkBudget(settings).run(work, 1, 30)
+
+
+def test_messages_of_twins_of_elements_get_a_budget_for_their_parameters(ageing, monkeypatch):
+    """Where one of many groups has changed, finding it takes longer than anything else."""
+    batch = batch_of(ageing, Registration.model_validate(MODEL_EXAMPLE))
+    granted = []
+
+    def run(self, step, messages=1, parameters=0):
+        granted.append((messages, parameters))
+        raise OverBudgetError("not of interest here")
+
+    monkeypatch.setattr(WorkBudget, "run", run)
+    estimate_apart(batch, WorkBudget(SHORT))
+    assert granted[0] == (20, 20 * len(MODEL_EXAMPLE["parameters"]))
 
 
 def test_an_error_of_a_step_comes_out_as_it_is():

@@ -1,0 +1,232 @@
+"""What holds of every report, of whatever kind, in either language."""
+
+import collections
+import copy
+import dataclasses
+import html
+import json
+import re
+
+import pytest
+
+from slowtime.reliability import Problem, estimate, marginal
+from slowtime_schemas.files.diagnosis import SearchEnd
+from slowtime_services.diagnose import document_of
+from slowtime_services.diagnose.first_pages import diagnosis_page
+from slowtime_services.problem_files.stated import Stated
+from slowtime_services.reports import LANGUAGES, Chart, Section, Table, Words, page_text
+from slowtime_services.reports.first_page import measured_on, subject_of
+from slowtime_services.reports.kinds.plan import plan_page
+from slowtime_services.reports.kinds.plan_options import option_words
+from slowtime_services.reports.kinds.reliability import reliability_page
+from slowtime_services.reports.page import STYLE
+from slowtime_services.reports.words import FOLDER
+from tests.services.diagnose.slide import told
+from tests.services.reports.reports_of_each_kind import (
+    MEASURED_NS,
+    WRITERS,
+    modes_with_shapes,
+    plan_answer,
+)
+
+EACH = [(kind, language) for kind in WRITERS for language in LANGUAGES]
+ON_SCREEN = re.compile(
+    r"\b(click|drag|hover|zoom|legend switches|arrow keys|klick|zieh|tippen)", re.IGNORECASE
+)
+"""Words of what can be done with a mouse or keys."""
+
+
+def page_of(tmp_path, kind, language):
+    path = tmp_path / f"{kind}.html"
+    WRITERS[kind](path, language)
+    return path.read_text(encoding="utf-8")
+
+
+def blocks_of(page):
+    """Visible texts, each of one element."""
+    body = page.partition("<body>")[2]
+    body = re.sub(r"<script.*?</script>", "", body, flags=re.DOTALL)
+    return [" ".join(html.unescape(text).split()) for text in re.findall(r">([^<]+)<", body)]
+
+
+def printed(page):
+    """Page as paper has it: without what the style sheet hides in print."""
+    return re.sub(r'<span class="hint">[^<]*</span>', "", page)
+
+
+@pytest.mark.parametrize(("kind", "language"), EACH)
+def test_no_sentence_stands_twice_in_a_report(tmp_path, kind, language):
+    """Names of options and effects may be in a table and beside the answer; sentences not."""
+    counted = collections.Counter(
+        sentence.casefold()
+        for block in blocks_of(page_of(tmp_path, kind, language))
+        for sentence in re.split(r"(?<=[.!?]) ", block)
+        if sentence.endswith((".", "!", "?")) and len(sentence.split()) >= 5
+    )
+    assert [one for one, count in counted.items() if count > 1] == []
+
+
+def test_sentences_that_were_said_before_are_left_out_and_empty_sections_with_them():
+    said = "The tower has lost a tenth of its stiffness."
+    chart = Chart([], {}, f"{said} A line is drawn.")
+    sections = [
+        Section("Reasons", [f"{said} It is the third storey."], [chart]),
+        Section("Again", [said]),
+        Section("Table", (), [Table(("a",), [("b",)], said)]),
+    ]
+    page = page_text("Title", said, sections)
+    assert page.count(said) == 2  # the lead, and the description of the chart for the blind
+    assert ">It is the third storey.<" in page
+    assert "<figcaption>A line is drawn.</figcaption>" in page
+    assert "Again" not in page
+
+
+@pytest.mark.parametrize(("kind", "language"), EACH)
+def test_every_first_page_tells_when_the_data_were_measured_and_the_report_was_made(
+    tmp_path, kind, language
+):
+    page, words = page_of(tmp_path, kind, language), Words(language)
+    facts = dict(re.findall(r"<dt>([^<]*)</dt><dd>([^<]*)</dd>", page))
+    assert facts[words("facts.measured")]
+    assert re.fullmatch(r"\d{4}-\d\d-\d\d", facts[words("facts.made")])
+
+
+def test_dates_are_of_calendars_only():
+    words = Words()
+    day_s = 86_400.0
+    assert measured_on([(MEASURED_NS, 600.0)], words) == "2026-03-04 10:20"
+    assert measured_on([(MEASURED_NS, 600.0), (MEASURED_NS, 3 * day_s)], words) == (
+        "2026-03-04 to 2026-03-07"
+    )
+    for start in (None, 0, 946_684_800_000_000_000):  # a counter, and a file without a date
+        assert measured_on([(start, 10.0)], words) == "not stated in the file"
+
+
+@pytest.mark.parametrize(("kind", "language"), EACH)
+def test_paper_holds_no_instructions_for_a_screen(tmp_path, kind, language):
+    page = page_of(tmp_path, kind, language)
+    assert not [text for text in blocks_of(printed(page)) if ON_SCREEN.search(text)]
+
+
+def test_instructions_for_a_screen_are_there_on_it(tmp_path):
+    path = tmp_path / "modes.html"
+    modes_with_shapes(path, "en")
+    page = path.read_text()
+    assert "The legend switches modes on and off." in page
+    assert not [text for text in blocks_of(printed(page)) if ON_SCREEN.search(text)]
+    print_rules = "".join(re.findall(r"@media print \{[^@]*", STYLE))
+    assert re.search(r"\.hint\b[^{]*\{ display: none", print_rules)
+    assert re.search(r"\bfigure\b[^{]*\{ break-inside: avoid", print_rules)
+
+
+@pytest.mark.parametrize(("kind", "language"), EACH)
+def test_a_chart_and_its_caption_are_one_block(tmp_path, kind, language):
+    page = page_of(tmp_path, kind, language)
+    charts = page.count('<div class="chart"')
+    one_block = (
+        r'<figure><div class="chart"[^>]*><script[^>]*>[^<]*</script></div>\s*<figcaption'
+    )
+    assert charts > 0
+    assert len(re.findall(one_block, page)) == charts
+
+
+@pytest.mark.parametrize(("kind", "language"), EACH)
+def test_the_subject_is_no_file_name(tmp_path, kind, language):
+    page = page_of(tmp_path, kind, language)
+    for part in ("kind", "question"):
+        found = re.search(rf'<p class="{part}">([^<]*)</p>', page)
+        assert found is not None
+        assert not re.search(r"\.(csv|json|ya?ml|npz|dat|mcap|mat|py)\b", found[1])
+
+
+def test_a_structure_without_a_name_is_called_by_the_stem_of_its_file():
+    assert subject_of("Tower", "wn_01.dat", Words()) == "Tower"
+    assert subject_of("", "wn_01.dat", Words("de")) == "„wn 01“"
+
+
+def test_one_phrase_stands_for_each_sense_of_an_interval(tmp_path):
+    """An interval of an estimate is of 90 % or 95 %; a range of futures is of 9 of 10."""
+    for language in LANGUAGES:
+        messages = (FOLDER / f"{language}.json").read_text()
+        assert not re.search(r"5\W{0,3}(to|bis|–)\W{0,3}95", messages)
+    page = page_of(tmp_path, "plan", "en")
+    assert "90 % interval: 9,100 EUR to 15,800 EUR" in page
+    assert "9 of 10 futures: from" in page
+    assert not re.search(r"\b5 (to|and) 95 %", page)
+
+
+def test_a_report_on_reliability_says_what_failure_means_and_of_which_time():
+    problem = Problem(
+        {"r": marginal("normal", mean=5.0, sd=1.0), "s": marginal("normal", mean=2.0, sd=1.0)},
+        lambda x: x[:, 0] - x[:, 1],
+    )
+    found = [estimate(problem, "importance", seed=1)]
+
+    def page(**stated):
+        return reliability_page(
+            "b.yaml", problem, found, Words(), seed=1, stated=Stated(**stated)
+        )
+
+    full = page(failure="the beam breaks", period="50 years", accepted=1e-3)
+    assert full.definition == (
+        "Failure means: the beam breaks (g ≤ 0). The probability is that of 50 years."
+    )
+    assert full.answer.endswith("That is more than the accepted 0.001.")
+    assert full.actions[0].startswith("Act: strengthen")
+    bare = page()
+    assert "The file states no period" in bare.definition
+    assert bare.actions[-1].startswith("State in the file what fails")
+    assert page(accepted=0.5).actions[0].startswith("Nothing to do now")
+
+
+def test_a_plan_lists_all_costs_and_times_that_it_counts(tmp_path):
+    page = plan_page(plan_answer(), Words())
+    facts = dict(page.facts)
+    assert facts["Costs used"] == (
+        "failure 900,000 ± 200,000 EUR; planned repair 40,000 EUR; inspection 1,500 EUR"
+    )
+    assert facts["Lead time of a repair"] == "0.5 years"
+    assert page.definition.startswith(
+        "Failure means: the stiffness, compared with that as built, changes to below −30 %."
+    )
+    text = page_of(tmp_path, "plan", "en")
+    table = text[text.index("Costs and times used") :]
+    for item in (
+        "failure", "planned repair", "inspection", "out of service", "closing for good",
+        "discount rate", "from the order of a repair to its effect",
+    ):  # fmt: skip
+        assert f"<td>{item}</td>" in table
+
+
+def test_options_have_words_in_each_language_and_new_kinds_those_of_the_server():
+    plan = plan_answer()
+    best = plan["options"][0]
+    assert option_words(best, plan, Words()) == (
+        "order a repair once the estimate reaches 85 % of failure"
+    )
+    assert option_words(best, plan, Words("de")).startswith("eine Reparatur bestellen, sobald")
+    at_once = copy.deepcopy(plan)
+    at_once["last_order"]["lead_time"] = 0.0
+    assert option_words(best, at_once, Words()).startswith("repair once")
+    new = best | {"name": "replace_half", "words": "replace one half"}
+    assert option_words(new, plan, Words("de")) == "replace one half"
+
+
+def test_what_ended_a_search_is_in_the_answer_and_what_follows_in_the_actions():
+    found = dataclasses.replace(told(), verdict="unknown_effect", effects=(), seconds=12.0)
+    for by, flag in (("budget", "--patience 280"), ("request", "--patience 280")):
+        ended = SearchEnd(by=by, budget_s=70.0, used_s=12.0)
+        page = diagnosis_page(found, document_of(found, ended=ended), Words())
+        assert "tried so far explains. The search was ended" in page.answer
+        assert "after 12 s" in page.answer
+        assert page.actions[0].endswith(f"{flag}.")
+    whole = diagnosis_page(found, document_of(found), Words())
+    assert whole.answer == "An effect is missing that is not in the catalogue."
+    exhausted = dataclasses.replace(found, exhausted=True)
+    assert document_of(exhausted).ended == SearchEnd(by="budget", used_s=12.0)
+
+
+def test_both_languages_head_the_same_details():
+    de = json.loads((FOLDER / "de.json").read_text())["headings"]
+    for heading in ("Failure", "Costs and times used", "9 of 10 futures: from", "unit"):
+        assert heading in de
