@@ -181,6 +181,8 @@ class Matrix:
         bits (see `packed`); empty for zero.
     stiffness_factor, mass_factor, damping_factor
         What each matrix is multiplied by [1].
+    exact
+        Whether these factors are known without error, whatever the tolerance of the model.
     """
 
     id: str
@@ -191,6 +193,7 @@ class Matrix:
     stiffness_factor: float = 1.0
     mass_factor: float = 1.0
     damping_factor: float = 1.0
+    exact: bool = False
 
     @property
     def between(self) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ A factor of a thousand between what a channel says and what the model makes of t
 effect that was forgotten: it is a unit, a wire, or a column.
 """
 
+import dataclasses
 import itertools
 from collections.abc import Mapping, Sequence
 
@@ -12,9 +13,10 @@ from jaxtyping import Float
 
 from slowtime.discrepancy.calibration.prior import prior_of
 from slowtime.discrepancy.imposed_motion.records import clock_errors, is_imposed, rig_of
+from slowtime.discrepancy.large_models import is_large, reasons_against, reduce_plainly
 from slowtime.discrepancy.records import MIN_SAMPLES, Campaign, Trial
 from slowtime.dynamics.description import Description, assemble
-from slowtime.dynamics.effects import Kind
+from slowtime.dynamics.effects import Kind, catalogue
 from slowtime.dynamics.modes import undamped_modes
 from slowtime.dynamics.plant import Plant
 from slowtime_services.files import RecordError
@@ -51,11 +53,17 @@ Sizes = Float[np.ndarray, " sensor"]
 def refuse_large_models(model: Description, kinds: Mapping[str, Kind] | None = None) -> None:
     """Refuse a model whose fits would take more memory than machines have.
 
+    One that can be reduced to the band of its records is not refused
+    (`slowtime.discrepancy.large_models`), nor is one with few constants that may be off.
+
     Raises
     ------
     RecordError
-        Saying how much that would be, and what to do.
+        Saying how much that would be, why it cannot be reduced, and what to do.
     """
+    reason = reasons_against(model)
+    if not reason:
+        return
     constants = len(prior_of(Plant.of(model, kinds=kinds)).names)
     coordinates = len(model.dofs)
     size = STACKS * (1 + constants) * (2 * coordinates) ** 2 * 8
@@ -63,7 +71,8 @@ def refuse_large_models(model: Description, kinds: Mapping[str, Kind] | None = N
         raise RecordError(
             f"A model of {coordinates} coordinates of which {constants} constants may be off "
             f"takes about {size / 2**30:.0f} GB to fit; at most {MOST_BYTES / 2**30:.0f} GB "
-            "are allowed. Reduce it with `slowtime reduce`, join nodes, or state a tolerance "
+            "are allowed. Models are reduced to the band of their records, but not with "
+            f"{reason}. Reduce it with `slowtime reduce`, join nodes, or state a tolerance "
             "of 0 for constants that are known."
         )
 
@@ -85,6 +94,16 @@ def refuse_nonsense(
     """
     model = campaign.description
     if campaign.ambient:
+        return
+    if is_large(model) and not reasons_against(model):
+        # Fits of the whole model would take hours; the reduced one has its inputs and sensors.
+        first = campaign.trials[:1]
+        known = catalogue() if kinds is None else kinds
+        try:
+            reduced = reduce_plainly(model, first, known)
+        except ValueError as error:
+            raise RecordError(str(error)) from error
+        refuse_nonsense(dataclasses.replace(campaign, description=reduced.small), names, kinds)
         return
     imposed = is_imposed(model, campaign.trials)
     if imposed and all(entry.kind.startswith("imposed_") for entry in model.inputs):

@@ -35,6 +35,7 @@ from slowtime.dynamics.description import BASE
 
 from .latent_force import RIDGE, LatentForceSolver
 from .linear_response import LinearModel
+from .many_points import PointShapes, along_pairs, own_products
 from .perturbed_reference import PerturbedReference
 from .ranking import linearise
 from .spectral_lines import TrialLines
@@ -57,7 +58,11 @@ them. Source: square root of double precision, with margin."""
 
 
 def likely_pairs(
-    fit: Fit, trials: Sequence[Trial], pairs: Sequence[NodePair], most: int
+    fit: Fit,
+    trials: Sequence[Trial],
+    pairs: Sequence[NodePair],
+    most: int,
+    points: PointShapes | None = None,
 ) -> list[NodePair]:
     """Choose the pairs of points between which something is likeliest missing.
 
@@ -66,7 +71,7 @@ def likely_pairs(
     the weaker one does alone.
     """
     solver, _, _ = linearise(fit, tuple(trials))
-    screening = PairScreening(solver, pairs)
+    screening = PairScreening(solver, pairs, points)
     small = _falling(screening.gains())
     alone = _falling(screening.exact_gains(small[:MOST_PROFILES]))
     beside = _falling(screening.gains(alone[0]))
@@ -82,25 +87,36 @@ def _falling(gains: Float[np.ndarray, " pair"]) -> list[int]:
 class PairScreening:
     """Products of what pairs of points may add with each other and with the residual."""
 
-    def __init__(self, solver: LatentForceSolver, pairs: Sequence[NodePair]) -> None:
+    def __init__(
+        self,
+        solver: LatentForceSolver,
+        pairs: Sequence[NodePair],
+        points: PointShapes | None = None,
+    ) -> None:
+        self._pairs, self._points = pairs, points
         names = sorted({end for pair in pairs for end in pair})
         self._ends = np.array([[names.index(end) for end in pair] for pair in pairs])
+        along = self._along = _directions(solver.linear, names, points)
         self._seen = [
-            (_response_of(tuned, names), _motion_of(solver.linear, trial, names))
+            (_response_of(tuned, along), _motion_of(solver.linear, trial, names, along))
             for tuned, trial in zip(solver.tuned, solver.trials, strict=True)
         ]
         normal = self._normal = _NormalEquations(solver)
-        self._solver, self._along = solver, _directions(solver.linear, names)
+        self._solver = solver
         shape = len(pairs), ORDERS
         cross, slope = np.zeros((*shape, len(normal.scale))), np.zeros(shape)
         self._whole = np.zeros((*shape, ORDERS))
-        for white, at, (response, motion) in zip(
-            solver.white, normal.where, self._seen, strict=True
+        for tuned, white, at, (response, motion) in zip(
+            solver.tuned, solver.white, normal.where, self._seen, strict=True
         ):
-            along = _along_pairs(response, motion, white.columns, self._ends)
-            cross[:, :, at] += along[:, :, :-1]
-            slope += along[:, :, -1]
-            self._whole += _own_products(response, motion, self._ends)
+            if points is None:
+                told = _along_pairs(response, motion, white.columns, self._ends)
+                self._whole += _own_products(response, motion, self._ends)
+            else:
+                told = along_pairs(tuned, white.columns, along, self._ends)
+                self._whole += own_products(response, motion, self._ends)
+            cross[:, :, at] += told[:, :, :-1]
+            slope += told[:, :, -1]
         self._cross = cross * normal.scale
         self._taken = scipy.linalg.cho_solve(
             normal.factor, self._cross.reshape(-1, cross.shape[2]).T
@@ -164,6 +180,8 @@ class PairScreening:
         )
         s = 2j * np.pi * tuned.trial.frequency_hz[:, None]
         own = tuned.response.displacement(np.tile(along + 0j, (len(s), 1))) @ along
+        if self._points is not None:
+            own = own + self._points.along(*self._pairs[number])
         return _Link(
             (motion[:, :, second] - motion[:, :, first]).T,
             s ** np.arange(ORDERS) * own[:, None],
@@ -269,27 +287,34 @@ def _profile_gains(
 
 
 def _response_of(
-    tuned: PerturbedReference, names: Sequence[str]
+    tuned: PerturbedReference, directions: Float[np.ndarray, "dof point"]
 ) -> Complex[np.ndarray, "frequency sensor point"]:
     """Whitened readings per unit force on each point."""
-    sensed = tuned.sensed @ _directions(tuned.linear, names)
+    sensed = tuned.sensed @ directions
     return np.asarray(sensed / np.sqrt(tuned.trial.noise)[:, :, None])
 
 
-def _directions(linear: LinearModel, names: Sequence[str]) -> Float[np.ndarray, "dof point"]:
-    """Coordinate of each point; none of those that inputs move, or of the base."""
+def _directions(
+    linear: LinearModel, names: Sequence[str], points: PointShapes | None = None
+) -> Float[np.ndarray, "dof point"]:
+    """Coordinates of each point; none of those that inputs move, or of the base."""
     found = np.zeros((linear.structure.dofs, len(names)))
     for number, name in enumerate(names):
-        if name in linear.structure.names:
+        if points is not None and name in points.names:
+            found[:, number] = points.shapes[points.names.index(name)]
+        elif name in linear.structure.names:
             found[linear.structure.dof(name), number] = 1.0
     return found
 
 
 def _motion_of(
-    linear: LinearModel, trial: TrialLines, names: Sequence[str]
+    linear: LinearModel,
+    trial: TrialLines,
+    names: Sequence[str],
+    directions: Float[np.ndarray, "dof point"],
 ) -> Complex[np.ndarray, "order frequency point"]:
     """Displacement, velocity and acceleration of each point against the base."""
-    found = trial.motion @ _directions(linear, names)
+    found = trial.motion @ directions
     for number, name in enumerate(names):
         if name != BASE and trial.supports is not None and name in linear.description.moved:
             found[:, :, number] = trial.supports[:, :, linear.description.moved.index(name)]

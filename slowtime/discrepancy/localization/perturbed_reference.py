@@ -13,6 +13,10 @@ MIN_CONSTANT_SHARE = 0.05
 """[share of a constant] That a change must leave. Source: docs/decisions/0021; a node keeps
 a twentieth of its mass."""
 
+FEW_COORDINATES = 4
+"""[coordinates] That the matrix of a constant touches at most to be taken by itself. Source:
+those of a beam; matrices over all coordinates are taken together."""
+
 Columns = Complex[np.ndarray, "frequency sensor column"]
 MotionSpectra = Complex[np.ndarray, "order frequency dof"]
 Constants = Float[np.ndarray, " constant"]
@@ -155,7 +159,19 @@ class PerturbedReference:
         """Give the readings that doubling each constant would add along a motion."""
         inner = absolute_motion(self.linear, motion, base, self.trial.supports)
         found = np.zeros((*self.sensed.shape[:2], len(known.sd)), dtype=complex)
+        dense = [
+            i
+            for i, one in enumerate(known.matrices)
+            if np.count_nonzero(one.any(axis=1)) > FEW_COORDINATES
+        ]
+        if dense:
+            pulls = np.stack(
+                [-inner[known.orders[i]] @ known.matrices[i].T for i in dense], axis=2
+            )
+            found[:, :, dense] = self.sensed @ pulls
         for i, (matrix, order) in enumerate(zip(known.matrices, known.orders, strict=True)):
+            if i in dense:
+                continue
             # Springs touch two coordinates only.
             rows, columns = (np.flatnonzero(matrix.any(axis=k)) for k in (1, 0))
             pull = -inner[order][:, columns] @ matrix[np.ix_(rows, columns)].T

@@ -52,6 +52,9 @@ LINEARISATION_PRODUCTS = 1e9
 """[products] Of columns with each other, in all linearisations about a place; of fewer places,
 though not less than `REFINED_PLACES`, where each takes more. Source: a bound on computing time;
 20 places of nine masses."""
+MANY_COORDINATES = 26
+"""[coordinates] From which on fewer places are refined, in fewer rounds. Source: a bound on
+computing time; reduced models of 200 masses have 30 to 40, and one round takes a second."""
 RANKING_ROUNDS = 2
 """[1] Linearisations that decide which places these are. Source: docs/what_decides.md: half and
 double change no answer."""
@@ -151,17 +154,20 @@ def _rank_families(
     """Rank all families, update the noise from what the best leaves, and refine the best."""
     order = families
     keen = _relinearised_places(solver)
+    many = solver.linear.structure.dofs >= MANY_COORDINATES
+    refined, rounds = (2, RANKING_ROUNDS) if many else (REFINED_PLACES, ROUNDS)
     if len(order) > min(keen, MOST_PLACES):
         order, _ = _sort_by_likelihood(solver, order, 0, 1)
         order = order[:MOST_PLACES]
     order, _ = _sort_by_likelihood(solver, order, keen, RANKING_ROUNDS)
-    for _ in range(NOISE_UPDATES if len(solver.linear.description.sensors) > 1 else 0):
-        order, best = _sort_by_likelihood(solver, order, 1, ROUNDS)
+    updates = min(NOISE_UPDATES, 1) if many else NOISE_UPDATES
+    for _ in range(updates if len(solver.linear.description.sensors) > 1 else 0):
+        order, best = _sort_by_likelihood(solver, order, 1, rounds)
         quiet = update_noise(fit, records, solver.trials, best.explained)
         solver = LatentForceSolver(solver.linear, solver.known, quiet)
-        order, _ = _sort_by_likelihood(solver, order, REFINED_PLACES, RANKING_ROUNDS)
+        order, _ = _sort_by_likelihood(solver, order, refined, RANKING_ROUNDS)
     explained = map_shared(
-        lambda i: solver.explain(order[i][0], rounds=ROUNDS if i < REFINED_PLACES else 1),
+        lambda i: solver.explain(order[i][0], rounds=rounds if i < refined else 1),
         range(len(order)),
         _shared(solver, order),
     )
@@ -174,7 +180,8 @@ def _relinearised_places(solver: LatentForceSolver) -> int:
     columns = [white.columns.shape for white in solver.white]
     products = sum(lines * sensors * count**2 for lines, sensors, count in columns)
     most = int(LINEARISATION_PRODUCTS / products)
-    return min(max(most, REFINED_PLACES), RELINEARISED_PLACES)
+    least = 2 if solver.linear.structure.dofs >= MANY_COORDINATES else REFINED_PLACES
+    return min(max(most, least), RELINEARISED_PLACES)
 
 
 def _likelihood_without_force(*solvers: LatentForceSolver) -> float:

@@ -48,10 +48,15 @@ def names_of(
         "mass": "kg m^2" if angle else "kg",
     }
 
+    exact = {
+        part.id for part in description.elements if isinstance(part, Matrix) and part.exact
+    }
+
     def add(what: str, name: str, value: float, unit: str | None = None) -> None:
         share = math.inf
         if description.tolerance is not None:
             share = getattr(description.tolerance, what)
+        share = 0.0 if name in exact else share
         sd = math.inf if math.isinf(share) else share * abs(value)
         low = -math.inf if what == "damping" else 0.0
         found[what, name] = ParameterEntry(value, unit or units[what], sd, low, math.inf, True)

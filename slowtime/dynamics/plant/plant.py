@@ -13,6 +13,7 @@ from slowtime.dynamics.effects import Effect, Kind, Law, Motion, Place, catalogu
 from .matrices import MatrixParts
 from .parameter_names import Name, ParameterEntry, names_of
 from .simulation_run import PlantRun, motions, run
+from .spectral_slopes import has_spectral_slopes, spectral_slopes
 from .system import Layout, layout_of
 
 Values = Float[np.ndarray, " parameter"]
@@ -158,7 +159,8 @@ class Plant:
         """Simulate the outputs and their derivatives to free parameters and to the first state.
 
         The derivatives are those of the motion computed, exact but for the differences by which
-        laws are differentiated: about 1e-7 of them.
+        laws are differentiated: about 1e-7 of them. Those of a linear plant of many coordinates
+        are computed by spectra (`spectral_slopes`).
 
         Parameters
         ----------
@@ -182,11 +184,26 @@ class Plant:
         -------
         Outputs in the sensors' units, and their derivatives: first to `free`, then to `state0`.
         """
+        if has_spectral_slopes(self.effects, self.kinds, self.matrices, free):
+            self._check(values, inputs, rate_hz, free)
+            plain = self.run(values, inputs, rate_hz, state0=state0, start_s=start_s, base=base)
+            slopes = self._spectral_slopes(values, plain, rate_hz, free)
+            if slopes is not None:
+                return plain.outputs, slopes
         found = self.run(
             values, inputs, rate_hz, free, state0=state0, start_s=start_s, base=base
         )
         assert found.slopes is not None
         return found.outputs, found.slopes
+
+    def _spectral_slopes(
+        self, values: Values, plain: PlantRun, rate_hz: float, free: Sequence[Name]
+    ) -> Float[np.ndarray, "time sensor slope"] | None:
+        named = dict(zip(self.entries, values.tolist(), strict=True))
+        kinds = [self.kinds[effect.kind] for effect in self.effects]
+        return spectral_slopes(
+            self.description, kinds, self.matrices, named, plain, rate_hz, free
+        )
 
     def states(
         self,

@@ -1,0 +1,13 @@
+"""Large model and records in, a model of the few modes that the records show out."""
+
+from .diagnosis import enlarge, is_large, reasons_against, reduce_for, reduce_plainly
+from .reduction import ReducedModel
+
+__all__ = [
+    "ReducedModel",
+    "enlarge",
+    "is_large",
+    "reasons_against",
+    "reduce_for",
+    "reduce_plainly",
+]

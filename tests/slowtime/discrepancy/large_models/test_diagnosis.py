@@ -1,0 +1,100 @@
+"""Missing parts of a chain of 200 masses whose 402 constants are off within tolerances."""
+
+import resource
+import time
+
+import numpy as np
+import pytest
+
+from slowtime.discrepancy.diagnose import diagnose
+from slowtime.discrepancy.large_models import reduce_for
+from slowtime.discrepancy.large_models.screening import KEPT_PAIRS
+from slowtime.discrepancy.progress import Monitor
+from slowtime.dynamics.description import OpenJoint, assemble
+from slowtime.dynamics.effects import catalogue
+from slowtime.dynamics.work import metered
+from tests.slowtime.discrepancy.large_models.chains import campaign, link
+
+WORK = 140 * 2.3e8
+"""[units of work] Budget that a diagnosis of many coordinates gets by itself."""
+MOST_S = 200.0
+"""[s] Processor time of one diagnosis on a machine of two cores."""
+MOST_KB = 2_000_000
+
+
+def add_spring(true):
+    true.stiffness += 0.05 * true.k * link(200, 60, 120)
+
+
+def add_support(true):
+    true.stiffness += 0.01 * true.k * link(200, None, 95)
+
+
+def add_damper(true):
+    true.damping += 2.0 * true.c * link(200, 45, 160)
+
+
+def add_mass(true):
+    true.mass += 6.0 * link(200, None, 77)
+
+
+PLACES = {
+    "spring": (add_spring, "n61-n121"),
+    "support": (add_support, "base-n96"),
+    "damper": (add_damper, "n46-n161"),
+    "mass": (add_mass, "base-n78"),
+}
+CASES = {"spring": (add_spring, "missing_spring", "n61-n121", lambda t: 0.05 * t.k)}
+
+
+def diagnosed(given):
+    begun = time.process_time()
+    with metered() as meter:
+        answer = diagnose(
+            given, late=lambda: meter.spent > 0.7 * WORK, over=lambda: meter.spent > WORK
+        )
+    spent = time.process_time() - begun
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    print(f"{answer.verdict}: {spent:.0f} s of processor time, {peak / 1e6:.2f} GB")
+    return answer, spent, peak
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("case", PLACES)
+def test_the_search_is_given_the_place_of_what_is_missing(case):
+    change, place = PLACES[case]
+    given = campaign(change)
+    reduced = reduce_for(given.description, given.trials, catalogue(), Monitor())
+    joints = [one.id for one in reduced.small.elements if isinstance(one, OpenJoint)]
+    assert place in joints
+    assert len(joints) <= KEPT_PAIRS
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("case", CASES)
+def test_what_is_missing_is_named_at_its_place_with_its_size(case):
+    change, kind, place, size = CASES[case]
+    kept = []
+    given = campaign(lambda true: (change(true), kept.append(true)))
+    answer, spent, peak = diagnosed(given)
+    (named,) = answer.effects
+    assert (answer.verdict, named.effect.kind, named.effect.place.id) == (
+        "missing_effect", kind, place,
+    )  # fmt: skip
+    (number,) = named.numbers.values()
+    assert number.value == pytest.approx(size(kept[0]), abs=4 * number.sd)
+    assert spent < MOST_S
+    assert peak < MOST_KB
+    whole = assemble(answer.augmented)
+    assert whole.dofs == 200
+    assert answer.nominal is given.description
+
+
+@pytest.mark.long
+def test_where_nothing_is_missing_nothing_is_named():
+    answer, spent, peak = diagnosed(campaign(lambda true: None))
+    assert answer.verdict in ("nothing_missing", "parameters_only")
+    assert not answer.effects
+    assert spent < MOST_S
+    assert peak < MOST_KB
+    assert np.isfinite(answer.gap.augmented)
