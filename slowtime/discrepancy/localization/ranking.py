@@ -53,7 +53,7 @@ LINEARISATION_PRODUCTS = 1e9
 though not less than `REFINED_PLACES`, where each takes more. Source: a bound on computing time;
 20 places of nine masses."""
 MANY_COORDINATES = 26
-"""[coordinates] From which on fewer places are refined, in fewer rounds. Source: a bound on
+"""[coordinates] Of a reduced model, from which on fewer places are refined, in fewer rounds. Source: a bound on
 computing time; reduced models of 200 masses have 30 to 40, and one round takes a second."""
 RANKING_ROUNDS = 2
 """[1] Linearisations that decide which places these are. Source: docs/what_decides.md: half and
@@ -154,7 +154,7 @@ def _rank_families(
     """Rank all families, update the noise from what the best leaves, and refine the best."""
     order = families
     keen = _relinearised_places(solver)
-    many = solver.linear.structure.dofs >= MANY_COORDINATES
+    many = _is_reduced(solver)
     refined, rounds = (2, RANKING_ROUNDS) if many else (REFINED_PLACES, ROUNDS)
     if len(order) > min(keen, MOST_PLACES):
         order, _ = _sort_by_likelihood(solver, order, 0, 1)
@@ -180,8 +180,14 @@ def _relinearised_places(solver: LatentForceSolver) -> int:
     columns = [white.columns.shape for white in solver.white]
     products = sum(lines * sensors * count**2 for lines, sensors, count in columns)
     most = int(LINEARISATION_PRODUCTS / products)
-    least = 2 if solver.linear.structure.dofs >= MANY_COORDINATES else REFINED_PLACES
+    least = 2 if _is_reduced(solver) else REFINED_PLACES
     return min(max(most, least), RELINEARISED_PLACES)
+
+
+def _is_reduced(solver: LatentForceSolver) -> bool:
+    """Whether a model of many coordinates was reduced, so that a round takes long."""
+    reduced = any(isinstance(part, Matrix) for part in solver.linear.description.elements)
+    return reduced and solver.linear.structure.dofs >= MANY_COORDINATES
 
 
 def _likelihood_without_force(*solvers: LatentForceSolver) -> float:

@@ -184,7 +184,7 @@ class Plant:
         -------
         Outputs in the sensors' units, and their derivatives: first to `free`, then to `state0`.
         """
-        if has_spectral_slopes(self.effects, self.kinds, self.matrices, free):
+        if has_spectral_slopes(self.description, self.effects, self.kinds, self.matrices, free):
             self._check(values, inputs, rate_hz, free)
             plain = self.run(values, inputs, rate_hz, state0=state0, start_s=start_s, base=base)
             slopes = self._spectral_slopes(values, plain, rate_hz, free)

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 from scipy.fft import next_fast_len
 
-from slowtime.dynamics.description import Description
+from slowtime.dynamics.description import Description, Matrix
 from slowtime.dynamics.effects import Effect, Hidden, Kind
 from slowtime.dynamics.elements import ROTATION
 from slowtime.dynamics.work import count_work
@@ -29,8 +29,8 @@ from .simulation_run import PlantRun
 from .system_cache import is_linear
 
 LEAST_COORDINATES = 26
-"""[coordinates] From which on derivatives are computed by spectra. Source: with fewer, time
-stepping with exact derivatives is as fast; no model that was diagnosed so far has more."""
+"""[coordinates] Of a reduced model, from which on derivatives are computed by spectra. Source:
+with fewer, time stepping with exact derivatives is as fast."""
 JOIN_SAMPLES = 64
 """[samples] Behind a record, in which its end is joined to its beginning. Source: of a chain of
 200 masses, derivatives are then right to a part in a thousand; without, to a tenth."""
@@ -43,14 +43,20 @@ Square = Float[np.ndarray, "state state"]
 
 
 def has_spectral_slopes(
+    description: Description,
     effects: Sequence[Effect],
     kinds: Mapping[str, Kind],
     matrices: MatrixParts,
     free: Sequence[Name],
 ) -> bool:
-    """Whether all is linear, driven by forces or the base alone, and read by plain sensors."""
+    """Whether all is linear, driven by forces or the base alone, and read by plain sensors.
+
+    Of reduced models only, whose motion is sampled finely: their modes end at the band of the
+    records.
+    """
     return (
-        len(matrices.names) >= LEAST_COORDINATES
+        any(isinstance(part, Matrix) for part in description.elements)
+        and len(matrices.names) >= LEAST_COORDINATES
         and not matrices.moved
         and not matrices.gauges
         and all(isinstance(kinds[one.kind].action, Hidden) for one in effects)
