@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float
 from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.workers import map_shared
+from slowtime.dynamics.description import Matrix
 from slowtime.dynamics.effects import Place, SensorChange
 
 from .gain_probability import gain_probability
@@ -53,8 +54,9 @@ LINEARISATION_PRODUCTS = 1e9
 though not less than `REFINED_PLACES`, where each takes more. Source: a bound on computing time;
 20 places of nine masses."""
 MANY_COORDINATES = 26
-"""[coordinates] Of a reduced model, from which on fewer places are refined, in fewer rounds. Source: a bound on
-computing time; reduced models of 200 masses have 30 to 40, and one round takes a second."""
+"""[coordinates] Of a reduced model, from which on fewer places are refined, in fewer rounds.
+Source: a bound on computing time; reduced models of 200 masses have 30 to 40, and one round
+takes a second."""
 RANKING_ROUNDS = 2
 """[1] Linearisations that decide which places these are. Source: docs/what_decides.md: half and
 double change no answer."""

@@ -106,7 +106,7 @@ def _random_force(rng: np.random.Generator, count: int) -> np.ndarray:
     lines = np.zeros(len(frequency), dtype=complex)
     lines[inside] = rng.standard_normal((int(inside.sum()), 2)) @ [1.0, 1.0j]
     series = np.fft.irfft(lines, count)
-    return 300.0 * series / series.std()
+    return np.asarray(300.0 * series / series.std())
 
 
 def _accelerations(true: Matrices, forces: np.ndarray, pushed: list[int]) -> np.ndarray:

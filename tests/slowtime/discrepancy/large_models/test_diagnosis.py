@@ -13,7 +13,7 @@ from slowtime.discrepancy.progress import Monitor
 from slowtime.dynamics.description import OpenJoint, assemble
 from slowtime.dynamics.effects import catalogue
 from slowtime.dynamics.work import metered
-from tests.slowtime.discrepancy.large_models.chains import campaign, link
+from tests.slowtime.discrepancy.large_models.chains import Matrices, campaign, link
 
 WORK = 140 * 2.3e8
 """[units of work] Budget that a diagnosis of many coordinates gets by itself."""
@@ -74,8 +74,13 @@ def test_the_search_is_given_the_place_of_what_is_missing(case):
 @pytest.mark.parametrize("case", CASES)
 def test_what_is_missing_is_named_at_its_place_with_its_size(case):
     change, kind, place, size = CASES[case]
-    kept = []
-    given = campaign(lambda true: (change(true), kept.append(true)))
+    kept: list[Matrices] = []
+
+    def changed(true: Matrices) -> None:
+        change(true)
+        kept.append(true)
+
+    given = campaign(changed)
     answer, spent, peak = diagnosed(given)
     (named,) = answer.effects
     assert (answer.verdict, named.effect.kind, named.effect.place.id) == (

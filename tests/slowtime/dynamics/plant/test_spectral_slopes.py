@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from slowtime.dynamics.builders import chain
-from slowtime.dynamics.description import Input, Sensor
+from slowtime.dynamics.description import Input, Matrix, Sensor
 from slowtime.dynamics.plant import Plant, plant
 from slowtime.dynamics.plant.spectral_slopes import LEAST_COORDINATES
+from slowtime.dynamics.units import Quantity
 
 RATE_HZ = 50.0
 
@@ -19,17 +20,18 @@ def driven_chain(kind):
     names = {e.id: f"k{i + 1}" for i, e in enumerate(given.elements)}
     elements = tuple(dataclasses.replace(e, id=names[e.id]) for e in given.elements)
     first, last = given.nodes[4].id, given.nodes[-1].id
+    elements += (Matrix(id="reduced", coordinates=(first, last), exact=True),)
     entry = (
         Input(channel="u", kind="force", unit="N", node=first)
         if kind == "force"
         else Input(channel="u", kind="base_acceleration", unit="m/s^2")
     )
-    sensors = tuple(
-        Sensor(channel=what, quantity=what, node=last, unit=unit)
-        for what, unit in (
-            ("displacement", "m"), ("velocity", "m/s"), ("acceleration", "m/s^2"),
-        )
+    read: tuple[tuple[Quantity, str], ...] = (
+        ("displacement", "m"), ("velocity", "m/s"), ("acceleration", "m/s^2"),
     )  # fmt: skip
+    sensors = tuple(
+        Sensor(channel=what, quantity=what, node=last, unit=unit) for what, unit in read
+    )
     return dataclasses.replace(
         given, elements=elements, inputs=(entry,), sensors=sensors
     ), first
@@ -53,3 +55,11 @@ def test_they_are_those_of_the_motion_computed(kind, monkeypatch):
     off = np.linalg.norm(fast - slow, axis=0) / np.linalg.norm(slow, axis=0)
     assert off[:, len(free) :].max() < 1e-9
     assert off[:, : len(free)].max() < 0.02
+
+
+def test_models_that_were_not_reduced_keep_exact_derivatives(monkeypatch):
+    described, heavy = driven_chain("force")
+    whole = dataclasses.replace(described, elements=described.elements[:-1])
+    monkeypatch.setattr(plant, "spectral_slopes", lambda *_: pytest.fail("were approximated"))
+    of = Plant.of(whole)
+    of.sensitivities(of.values, np.ones((20, 1)), RATE_HZ, (("mass", heavy),))
