@@ -44,6 +44,7 @@ from .refinement.convergence import converge, converge_stick_slip
 from .refinement.elimination import eliminate_needless
 from .refinement.harmful_effects import drop_harmful_effects
 from .refinement.natural_values import hold_natural_values
+from .refinement.relocation import relocate
 from .report.free_runs import report
 from .search import DEFAULT_OPTIONS, SearchOptions, SearchSettings
 from .search.input_holds import search_with_holds, with_best_holds
@@ -197,6 +198,9 @@ def _searched_reduced(
     few = dataclasses.replace(few, stated=None)
     first = refit(Plant.of(campaign.description, kinds=how.kinds), trials)
     found = grow(Hypothesis((first,), trials), few)
+    # Neighbours explain nearly as much, and a budget that ends leaves the likeliest untried: no
+    # place is told that was not compared with the others, whatever that takes.
+    found = relocate(found, how.kinds, Monitor(), least=1)
     return _refined(campaign, found, few)
 
 

@@ -202,8 +202,9 @@ def test_the_work_of_a_verb_takes_the_arguments_that_it_declares(path, command):
 def test_what_declarations_repeat_of_the_work_is_what_it_is():
     assert tokens.SCOPES == tuple(scope.word for scope in Scope)
     assert {*keys.WITHDRAWN} == {*ROLES} - {"router", "edge"}
-    assert (diagnose.PATIENCE_S, diagnose.MASSES, diagnose.MORE) == (
+    assert (diagnose.PATIENCE_S, diagnose.MASSES, diagnose.MORE, diagnose.LARGE) == (
         run.PATIENCE_S,
         run.MASSES,
         run.MORE,
+        run.LARGE,
     )

@@ -35,15 +35,23 @@ STRENGTH_FACTORS = (1.0, 0.25, 0.5, 2.0, 4.0)
 less needs more of it. Source: docs/what_decides.md: half and double change no answer."""
 
 
-def relocate(hypothesis: Hypothesis, kinds: Mapping[str, Kind], tell: Monitor) -> Hypothesis:
+def relocate(
+    hypothesis: Hypothesis, kinds: Mapping[str, Kind], tell: Monitor, *, least: int = 2
+) -> Hypothesis:
     """Put a law at another place, where that explains more.
 
     Each place needs as many parameters of the law: the likelier leaves less.
+
+    Parameters
+    ----------
+    least
+        Number of effects from which on this is tried: a single law was compared at all places
+        when it was found, unless constants give way as they do in a reduced model.
     """
     last, trials = hypothesis.last, hypothesis.trials
     whole = hypothesis.last_fits_whole_records and hypothesis.holds is None
     settled = hypothesis.final or hypothesis.without_sensor
-    if len(hypothesis.effects) < 2 or not whole or settled:
+    if len(hypothesis.effects) < least or not whole or settled:
         return hypothesis
     best, which, exhausted = last, -1, hypothesis.exhausted
     for number, place in _other_places(hypothesis, kinds):

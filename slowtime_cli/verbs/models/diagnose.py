@@ -11,7 +11,7 @@ from slowtime_cli.shared.options import POSITIVE
 from slowtime_cli.shared.report_flags import report_flags
 from slowtime_services.files.reading_options import ReadingOptions
 
-PATIENCE_S, MASSES, MORE = 70.0, 3, 2.0
+PATIENCE_S, MASSES, MORE, LARGE = 70.0, 3, 2.0, 5.0
 """Of `slowtime_services.diagnose.run`, repeated as importing it takes seconds; a test holds
 them to it."""
 
@@ -125,7 +125,8 @@ Examples:
     metavar="SECONDS",
     help="Limit of the search, counted as seconds of a reference machine: no new effects are "
     f"tried after it.  [default: {PATIENCE_S:g} for up to {MASSES} degrees of freedom, then "
-    f"more in proportion, at most {PATIENCE_S * MORE:g}]",
+    f"more in proportion, at most {PATIENCE_S * MORE:g}; {PATIENCE_S * LARGE:g} for large "
+    "models, which are reduced]",
 )
 @click.option(
     "--surface",

@@ -15,9 +15,9 @@ from slowtime.dynamics.effects import catalogue
 from slowtime.dynamics.work import metered
 from tests.slowtime.discrepancy.large_models.chains import Matrices, campaign, link
 
-WORK = 140 * 2.3e8
+WORK = 350 * 2.3e8
 """[units of work] Budget that a diagnosis of many coordinates gets by itself."""
-MOST_S = 200.0
+MOST_S = 400.0
 """[s] Processor time of one diagnosis on a machine of two cores."""
 MOST_KB = 2_000_000
 
@@ -44,7 +44,10 @@ PLACES = {
     "damper": (add_damper, "n46-n161"),
     "mass": (add_mass, "base-n78"),
 }
-CASES = {"spring": (add_spring, "missing_spring", "n61-n121", lambda t: 0.05 * t.k)}
+CASES = {
+    "spring": (add_spring, "missing_spring", "n61-n121", lambda t: 0.05 * t.k),
+    "support": (add_support, "missing_spring", "base-n96", lambda t: 0.01 * t.k),
+}
 
 
 def diagnosed(given):
