@@ -1,7 +1,7 @@
 """Tables, JSON and reports of the modes of many channels."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -21,7 +21,8 @@ from slowtime_cli.shared.terminal import show
 from slowtime_services.modal import ENDING, read_modes, selection_text
 from slowtime_services.modal.entries import mode_entry
 from slowtime_services.reports import Chart, PoleChoice, Section, Table, Words, write_page
-from slowtime_services.reports.kinds.modes import modes_page
+from slowtime_services.reports.kinds.mode_doubts import doubts_of
+from slowtime_services.reports.kinds.modes import Compared, modes_page
 
 from .mac_charts import mac_charts
 
@@ -32,8 +33,9 @@ COLUMNS = ("frequency [Hz]", "damping [%]", "kind", "collinearity", "quality", "
 COLUMNS_TOLD = (
     "± is one standard deviation. Collinearity is 1 for a shape whose points move in phase. "
     "Quality is the share of the model orders that could have shown the mode and did. Mistrust "
-    "says why a mode is doubted."
+    "says why a mode is doubtful; it is empty for modes that can be used."
 )
+LINES_TOLD = "± is one standard deviation. Near a line, a mode cannot be told from it."
 MAX_SHAPES = 12
 """Shapes that a report draws at most [1]."""
 BINS_PER_DECADE = 250
@@ -154,15 +156,35 @@ def _against_model(mode: Mode, models: Sequence[ModelMode]) -> tuple[str, ...]:
     )
 
 
-def _table(result: ModalResult, models: Sequence[ModelMode]) -> Table:
-    headings, rows = list(COLUMNS), [list(_cells(mode)) for mode in result.modes]
+def _table(modes: Sequence[Mode], models: Sequence[ModelMode]) -> Table:
+    headings, rows = list(COLUMNS), [list(_cells(mode)) for mode in modes]
     if models:
         headings += ["model [Hz]", "difference [%]", "MAC"]
         rows = [
-            [*row, *_against_model(mode, models)]
-            for row, mode in zip(rows, result.modes, strict=True)
+            [*row, *_against_model(mode, models)] for row, mode in zip(rows, modes, strict=True)
         ]
     return Table(headings, rows)
+
+
+def mode_table(result: ModalResult, models: Sequence[ModelMode], words: Words) -> Table:
+    """Give the modes of a report, each with the reasons that its first page doubts it for."""
+    table = _table(result.structural, models)
+    place, kind = COLUMNS.index("mistrust"), COLUMNS.index("kind")
+    rows = [
+        [*row[:place], ", ".join(doubt.told for doubt in doubts), *row[place + 1 :]]
+        for row, doubts in zip(table.rows, doubts_of(result, words), strict=True)
+    ]
+    rows = [[*row[:kind], *row[kind + 1 :]] for row in rows]
+    headings = [heading for heading in table.headings if heading != "kind"]
+    return Table(headings, rows, COLUMNS_TOLD)
+
+
+def line_sections(result: ModalResult) -> Iterator[Section]:
+    """Give the lines of machines a section of their own, where there are any."""
+    lines = [_cells(mode) for mode in result.modes if mode.kind != "structural"]
+    if lines:
+        table = Table(COLUMNS[:1], [cells[:1] for cells in lines], LINES_TOLD)
+        yield Section("Lines of machines", (), [table])
 
 
 def show_modes(
@@ -171,7 +193,7 @@ def show_modes(
     """Print a table for a person, lines of fields for a program."""
     if not result.modes:
         return
-    table = _table(result, models)
+    table = _table(result.modes, models)
     plain = []
     for mode in result.modes:
         f, z = mode.frequency_hz, mode.damping_ratio
@@ -217,13 +239,13 @@ def write_report(
     told["structure"] = report_subject() or told.get("structure", "")
     meant = [(mode, nearest_mode(mode, models)) for mode in result.structural]
     told["compared"] = [
-        (mode.frequency_hz.value, models[one[0]][0], one[1]) for mode, one in meant if one
+        Compared(mode.frequency_hz, models[one[0]][0], one[1]) for mode, one in meant if one
     ]
     first = modes_page(name, result, channels, words, **told)
-    table = dataclasses.replace(_table(result, models), caption=COLUMNS_TOLD)
     spectra = _spectra(result, words(f"modes.picture_{captions.of}"), words)
     sections = [
-        Section("Modes", result.notes, [table]),
+        Section("Modes", result.notes, [mode_table(result, models, words)]),
+        *line_sections(result),
         *extra,
     ]
     if len(result.stabilisation.order):

@@ -21,6 +21,12 @@ from slowtime_services.reports import (
     subject_of,
 )
 
+from .constants import (
+    absurd_changes,
+    changes_in_words,
+    changes_of,
+    listed_changes,
+)
 from .labels import labelled, named, number
 
 MOST_RIVALS, LEAST = 4, 0.01
@@ -55,6 +61,7 @@ def diagnosis_page(
         subject=name,
         question=words("diagnosis.question", name=name),
         answer=_answer(document, words),
+        definition=changes_in_words(changes_of(diagnosis.nominal, diagnosis.augmented), words),
         confidence=_confidence(document, words),
         measured=measured_on(measured, words),
         actions=list(dict.fromkeys(_actions(diagnosis, document, words))),
@@ -139,22 +146,35 @@ def _confidence(document: DiagnosisFile, words: Words) -> Confidence:
 
 
 def _rivals(document: DiagnosisFile, words: Words) -> Iterator[Alternative]:
+    """Give what fits as well, else the best that was tried and by how much it is worse."""
     if document.verdict == "unknown_effect":
-        none = words("diagnosis.none_known")
-        yield Alternative(none, words("diagnosis.none_known_measure"))
+        left = words.number(document.chi2_per_datum, 3)
+        measure = words("diagnosis.none_known_measure", n=left)
+        yield Alternative(words("diagnosis.none_known"), measure)
     every = [rival for effect in document.effects for rival in effect.alternatives]
     every += document.undecided
     every.sort(key=lambda rival: -rival.probability)
-    for rival in [one for one in every if one.probability >= LEAST][:MOST_RIVALS]:
+    near = [one for one in every if one.probability >= LEAST][:MOST_RIVALS]
+    for rival in near or every[:1]:
         place = place_in(rival.where, words)
         name = words("diagnosis.at", effect=effect_in(rival.effect, words), place=place)
-        measure = words("diagnosis.probability", p=words.number(rival.probability, 2))
-        yield Alternative(name, measure)
+        p = words.number(rival.probability, 2) if near else words.probability(rival.probability)
+        key = "diagnosis.probability" if near else "diagnosis.best_rival"
+        yield Alternative(name, words(key, p=p))
+    if not every and document.verdict == "nothing_missing" and document.where:
+        best = max(document.where, key=lambda one: one.score)
+        place = place_in(Where(kind=best.kind, id=best.id), words)
+        nats = words.number(best.score, 2)
+        told = words("diagnosis.best_force", nats=nats, p=words.number(best.p_value, 2))
+        yield Alternative(words("diagnosis.unknown_force", place=place), told)
 
 
 def _actions(diagnosis: Diagnosis, document: DiagnosisFile, words: Words) -> Iterator[str]:
     joined = {element.id for element in diagnosis.nominal.elements}
     ended = document.ended
+    absurd = absurd_changes(changes_of(diagnosis.nominal, diagnosis.augmented))
+    if absurd and document.verdict == "unknown_effect":
+        yield words("diagnosis.do_not_use", listed=listed_changes(absurd[:1], words))
     if ended is not None and document.verdict in ("unknown_effect", "undecided"):
         if ended.budget_s is None:
             yield words("diagnosis.do_again")

@@ -4,11 +4,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from slowtime.discrepancy.diagnosis import Diagnosis
-from slowtime.dynamics.description import Beam, Description, Matrix
 from slowtime_schemas.files.diagnosis import DiagnosisFile, FoundEffect, Rival
 from slowtime_services.reports import Chart, Section, Table, Words, write_page
 
 from .charts import PICTURE_SAMPLES, gap_chart, residual_charts, run_charts, surface_chart
+from .constants import changes_of
 from .first_pages import diagnosis_page
 from .force_charts import force_charts
 from .labels import VERDICTS, labelled, named, number, placed, rare
@@ -61,7 +61,8 @@ def _sections(
     yield Section("The gap", [document.sentence], gap)
     yield from _effects(document)
     yield from _undecided(document)
-    if diagnosis.surface is not None:
+    # A sensor at fault has no force on the structure.
+    if diagnosis.surface is not None and document.verdict != "sensor_fault":
         law = named(document.effects[0].effect) if document.effects else None
         chart = surface_chart(diagnosis.surface, law, diagnosis.nominal.unit_of_coordinate)
         yield Section("The force recovered", (), [chart])
@@ -159,9 +160,9 @@ def _where(document: DiagnosisFile) -> Section:
     if when.times_s:
         spans = ", ".join(f"{first:.4g} to {last:.4g} s" for first, last in when.times_s[:12])
         words.append(f"What the model leaves unexplained stands out at campaign times {spans}.")
-    if when.amplitude:
+    if when.amplitude and document.verdict != "sensor_fault":
         words.append(when.amplitude)
-    if when.linear is not None:
+    if when.linear is not None and document.verdict != "sensor_fault":
         kind = "grows in proportion to" if when.linear else "is not proportional to"
         words.append(f"What the model leaves unexplained {kind} the motion.")
     if when.steady is not None:
@@ -172,16 +173,17 @@ def _where(document: DiagnosisFile) -> Section:
 
 def _constants(diagnosis: Diagnosis, document: DiagnosisFile) -> Section:
     """Set all constants of the three models side by side."""
-    nominal, refitted, augmented = (
-        dict(_values(model))
-        for model in (diagnosis.nominal, diagnosis.refitted, diagnosis.augmented)
+    refitted, augmented = (
+        changes_of(diagnosis.nominal, model)
+        for model in (diagnosis.refitted, diagnosis.augmented)
     )
-    rows = []
-    for name, value in nominal.items():
-        change = f"{100 * (augmented[name] / value - 1):+.2f} %" if value else ""
-        rows.append(
-            (name, f"{value:.6g}", f"{refitted[name]:.6g}", f"{augmented[name]:.6g}", change)
+    rows = [
+        (
+            last.label, f"{last.given:.6g}", f"{first.fitted:.6g}", f"{last.fitted:.6g}",
+            f"{100 * last.share:+.2f} %" if last.given else "",
         )
+        for first, last in zip(refitted, augmented, strict=True)
+    ]  # fmt: skip
     words = [
         f"{moved.name} is outside its tolerance: {moved.value:.5g} ± {moved.sd:.2g} "
         f"{moved.unit}."
@@ -189,21 +191,6 @@ def _constants(diagnosis: Diagnosis, document: DiagnosisFile) -> Section:
     ]
     headings = ("constant", "as given", "refitted", "augmented", "change")
     return Section("Constants", words, [Table(headings, rows)])
-
-
-def _values(model: Description) -> Iterator[tuple[str, float]]:
-    for node in model.nodes:
-        if node.mass_kg:
-            yield f"mass of {node.id} [kg]", node.mass_kg
-    for element in model.elements:
-        if isinstance(element, Matrix):
-            yield f"factor on the stiffness of {element.id}", element.stiffness_factor
-            continue
-        if isinstance(element, Beam):
-            yield f"bending stiffness of {element.id} [N m²]", element.bending_stiffness_n_m2
-            continue
-        yield f"stiffness of {element.id} [N/m]", element.stiffness_n_per_m
-        yield f"damping of {element.id} [N s/m]", element.damping_n_s_per_m
 
 
 def _account(document: DiagnosisFile) -> Section:

@@ -73,9 +73,9 @@ def modes(path: Path, language: str) -> None:
         start_ns=MEASURED_NS,
         sketch=sketch,
     )
-    table = mode_tables._table(result, ())
+    table = mode_tables.mode_table(result, (), words)
     spectra = mode_tables._spectra(result, "Spectra.")
-    sections = [Section("Modes", (), [table])]
+    sections = [Section("Modes", (), [table]), *mode_tables.line_sections(result)]
     write_page(
         path, "Modes", first.answer, sections, first=first, picture=spectra, language=language
     )

@@ -10,6 +10,8 @@ import subprocess
 import pytest
 
 from slowtime.dynamics.description import Description, Node, Spring
+from slowtime.identification.estimates import Measured
+from slowtime_cli.records.mode_tables import line_sections, mode_table
 from slowtime_services.diagnose.first_pages import sketch_of
 from slowtime_services.reports import (
     LANGUAGES,
@@ -21,7 +23,8 @@ from slowtime_services.reports import (
     pdf,
 )
 from slowtime_services.reports.first_page import Confidence, first_page, made_on
-from slowtime_services.reports.kinds.modes import modes_page
+from slowtime_services.reports.kinds.mode_doubts import doubts_of
+from slowtime_services.reports.kinds.modes import Compared, modes_page
 from slowtime_services.reports.kinds.plan import _amount, plan_page
 from slowtime_services.reports.kinds.state import state_page
 from slowtime_services.reports.words import FOLDER
@@ -262,20 +265,65 @@ def test_a_connection_that_was_found_is_arched_over_the_points_between_its_ends(
 
 
 def test_a_mode_that_may_be_another_or_a_line_is_no_mode_without_reservations():
+    """The headline counts the others alone, and the table says the same as the first page."""
     alike = mode_at(3.1, shape=(1.0, 0.62, 0.08))
     apart = mode_at(5.0, shape=(1.0, -0.9, 0.3))
     beside, line = mode_at(10.05, shape=(0.2, 1.0, -0.9)), mode_at(10.0, "harmonic")
-    page = modes_page(
-        "t", modal_result_of((mode_at(2.5), alike, apart, beside, line)), CHANNELS, Words("en")
+    result, words = modal_result_of((mode_at(2.5), alike, apart, beside, line)), Words("en")
+    page = modes_page("t", result, CHANNELS, words)
+    assert page.answer == (
+        "One mode can be used: 5.000 ± 0.010 Hz with a damping ratio of 1.20 ± 0.10 %; 3 more "
+        "are doubtful (same shape as another mode; beside a machine’s line)."
     )
+    table = mode_table(result, (), words)
+    mistrust = [row[table.headings.index("mistrust")] for row in table.rows]
+    assert mistrust == [
+        "same shape as 3.1 Hz, MAC 1.00", "same shape as 2.5 Hz, MAC 1.00", "",
+        "beside a machine’s line at 10 Hz",
+    ]  # fmt: skip
+    [lines] = line_sections(result)
+    assert [row[0] for row in lines.shown[0].rows] == ["10.0000 ± 0.0200"]
     assert page.confidence.level == "low"
     assert page.confidence.number.startswith("1 of 4 modes are without reservations")
     assert {one.name: one.measure for one in page.alternatives} == {
         "2.5; 3.1 Hz": "the channels do not tell them apart: some may be one mode, or its "
         "vibration at another frequency",
-        "10.05 Hz": "stands beside the line of a machine",
+        "10.05 Hz": "beside a machine’s line at 10 Hz",
         "10 Hz": "lines of machines, which may hide a mode",
     }
+
+
+def test_modes_beyond_the_channels_and_those_flagged_beside_a_line_are_doubtful():
+    shapes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.3, 1.0), (0.0, 1.0, 1.0))
+    modes = [mode_at(2.0 + k, shape=shape) for k, shape in enumerate(shapes)]
+    modes[3] = dataclasses.replace(modes[3], quality=0.2)
+    flagged = dataclasses.replace(modes[0], flags=("beside_a_line",))
+    result = modal_result_of((flagged, *modes[1:]))
+    causes = [[one.cause for one in every] for every in doubts_of(result, Words("de"))]
+    assert causes == [["beside_line"], [], [], ["beyond"]]
+    page = modes_page("t", result, CHANNELS, Words("de"))
+    assert page.answer.startswith("2 Moden sind brauchbar: 3; 4 Hz; 2 weitere sind zweifelhaft")
+    # As many modes as channels are no reason for doubt, however alike two of them are.
+    assert doubts_of(modal_result_of(tuple(modes[1:])), Words("de")) == [[], [], []]
+
+
+@pytest.mark.parametrize(
+    ("model_hz", "sd", "similarity", "said"),
+    [
+        (10.002, 0.002, 0.99, "Keep the model: all differences are at most 0.02 %, within 1 "),
+        (10.05, 0.002, 0.99, "Keep the model: all differences are at most 0.5 %"),
+        (10.5, 0.5, None, "Keep the model: all differences are at most 4.8 %, within 1 "),
+        (10.5, 0.002, 0.99, "Refit the model to these modes (slowtime update): at 10 Hz"),
+        (10.002, 0.002, 0.4, "Check places and directions of the sensors"),
+    ],
+)
+def test_a_report_decides_whether_a_model_is_kept(model_hz, sd, similarity, said):
+    mode = dataclasses.replace(mode_at(10.0), frequency_hz=Measured(10.0, sd))
+    compared = [Compared(mode.frequency_hz, model_hz, similarity)]
+    words = Words("en")
+    page = modes_page("t", modal_result_of((mode,)), CHANNELS, words, compared=compared)
+    assert page.actions[0].startswith(said)
+    assert len(page.actions) == 1
 
 
 def test_small_costs_are_written_and_rounding_is_not():

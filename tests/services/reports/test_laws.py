@@ -9,7 +9,7 @@ import re
 
 import pytest
 
-from slowtime.reliability import Problem, estimate, marginal
+from slowtime.reliability import Problem, Result, estimate, marginal
 from slowtime_schemas.files.diagnosis import SearchEnd
 from slowtime_services.diagnose import document_of
 from slowtime_services.diagnose.first_pages import diagnosis_page
@@ -18,7 +18,10 @@ from slowtime_services.reports import LANGUAGES, Chart, Section, Table, Words, p
 from slowtime_services.reports.first_page import measured_on, subject_of
 from slowtime_services.reports.kinds.plan import plan_page
 from slowtime_services.reports.kinds.plan_options import option_words
-from slowtime_services.reports.kinds.reliability import reliability_page
+from slowtime_services.reports.kinds.reliability import (
+    reliability_page,
+    write_reliability_report,
+)
 from slowtime_services.reports.page import STYLE
 from slowtime_services.reports.words import FOLDER
 from tests.services.diagnose.slide import told
@@ -171,12 +174,61 @@ def test_a_report_on_reliability_says_what_failure_means_and_of_which_time():
     assert full.definition == (
         "Failure means: the beam breaks (g ≤ 0). The probability is that of 50 years."
     )
-    assert full.answer.endswith("That is more than the accepted 0.001.")
+    ratio = found[0].probability / 1e-3
+    least = found[0].interval[0] / 1e-3
+    assert full.answer.endswith(
+        f"The probability is {ratio:.2g} times the accepted 0.001, and at least {least:.3g} "
+        "times it (95 %)."
+    )
     assert full.actions[0].startswith("Act: strengthen")
     bare = page()
     assert "The file states no period" in bare.definition
     assert bare.actions[-1].startswith("State in the file what fails")
-    assert page(accepted=0.5).actions[0].startswith("Nothing to do now")
+    assert bare.answer.endswith(
+        "No accepted probability is given (key accepted): the report cannot judge."
+    )
+    kept = page(accepted=4 * found[0].probability)
+    assert kept.actions[0].startswith("Nothing to do now")
+    assert "The probability is about a quarter of the accepted 0.06" in kept.answer
+    assert "and at most 2" in kept.answer
+
+
+def result_of(method, probability, cov=0.03):
+    """Give an estimate with its interval; none where it has no coefficient of variation."""
+    if cov is None:
+        return Result(method, probability, None, "approximation", None, 50)
+    ends = probability * (1 - 1.96 * cov), probability * (1 + 1.96 * cov)
+    return Result(method, probability, ends, "", cov, 2000)
+
+
+@pytest.mark.parametrize(
+    ("others", "level"),
+    [
+        ([("subset", 1.82e-3, 0.1)], "high"),
+        ([("subset", 1.82e-3, 0.1), ("form", 4.2e-5, None)], "medium"),
+        ([("subset", 1.82e-3, 0.1), ("form", 1.0e-3, None)], "high"),
+        ([("subset", 1.82e-3, 0.1), ("form", 7e-3, None)], "medium"),
+    ],
+)
+def test_methods_that_disagree_never_stand_under_high_confidence(others, level):
+    problem = Problem({"x": marginal("normal", mean=5.0, sd=1.0)}, lambda x: x[:, 0])
+    found = [result_of("importance", 1.81e-3), *(result_of(*one) for one in others)]
+    page = reliability_page("b.yaml", problem, found, Words(), seed=1)
+    assert page.confidence.level == level
+    assert ("form gives" in page.confidence.number) == (level == "medium")
+
+
+def test_inputs_of_the_same_distribution_are_written_as_one(tmp_path):
+    same = {f"x{k}": marginal("normal", mean=1.0, sd=0.2) for k in range(100)}
+    other = {"r": marginal("normal", mean=150.0, sd=9.0)}
+    problem = Problem(same | other, lambda x: x[:, 100] - x[:, :100].sum(axis=1))
+    found = [estimate(problem, "form", seed=1)]
+    facts = dict(reliability_page("b.yaml", problem, found, Words(), seed=1).facts)
+    assert facts["Random inputs"] == "x0 … x99 (100), r"
+    write_reliability_report(tmp_path / "r.html", "b.yaml", problem, found, {}, seed=1)
+    page = (tmp_path / "r.html").read_text(encoding="utf-8")
+    assert page.count("x0 … x99 (100)</td>") == 2  # inputs, and the design point
+    assert not re.search(r"<td[^>]*>x7</td>", page)
 
 
 def test_a_plan_lists_all_costs_and_times_that_it_counts(tmp_path):

@@ -27,6 +27,12 @@ def frame(storey_n_per_m):
 FRAME = frame(4000.0)
 
 
+def rows_of_modes(page):
+    """Count the rows of the table of modes of a report."""
+    body = re.search(r"mistrust</th>.*?<tbody>(.*?)</tbody>", page, re.DOTALL)
+    return body[1].count("<tr>")
+
+
 @pytest.fixture
 def vibration(tmp_path):
     """Four minutes of a frame's three floors, as a text file with a header."""
@@ -77,12 +83,14 @@ def test_a_report_stands_alone_and_shows_every_mode(run, vibration, tmp_path):
     done = run("identify", vibration, "--rate-hz", "40", "--report", "out.html")
     assert done.status == 0
     page = (tmp_path / "out.html").read_text(encoding="utf-8")
-    assert page.count(">structural</td>") == 3
+    assert rows_of_modes(page) == 3
     assert not re.search(r"<(script|link|img)[^>]+(src|href)=", page)
     charts = re.findall(r'<script type="application/json">(.*?)</script>', page)
-    spectra, stabilisation, shapes = map(json.loads, charts)
+    drawn = [chart for chart in map(json.loads, charts) if "data" in chart]
+    spectra, stabilisation, shapes, _ = drawn
     assert len(spectra["layout"]["shapes"]) == 3
-    assert {trace["name"] for trace in stabilisation["data"]} == {"mode", "other pole"}
+    poles = [trace["name"] for trace in stabilisation["data"] if trace.get("yaxis") != "y2"]
+    assert sorted(poles) == ["mode", "other pole"]
     assert [trace["x"] for trace in shapes["data"]] == [list(CHANNELS)] * 3
 
 
@@ -113,7 +121,7 @@ def test_other_methods_find_the_same_modes(run, vibration, tmp_path, method):
         assert (damping["value"] == damping["sd"] == 0) == ("no_damping" in mode["flags"])
         assert ("no_damping" in mode["flags"]) == (method == "fdd")
     page = (tmp_path / "out.html").read_text(encoding="utf-8")
-    assert page.count(">structural</td>") == 3
+    assert rows_of_modes(page) == 3
     assert ("Stabilisation" in page) == (method == "bayes")
     said = re.sub(r"[A-Za-z0-9+/=]{1000,}", "", page)  # without the packed library
     assert len(said) < 0.5 * len(page)

@@ -1,11 +1,12 @@
 """The first page of a report on modes of vibration."""
 
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from slowtime.identification.automatic.modal_result import ModalResult
-from slowtime.identification.mode_shapes.criteria import mac
+from slowtime.identification.estimates import Measured
 from slowtime.identification.modes import Mode
 from slowtime_services.reports.first_page import (
     Alternative,
@@ -18,17 +19,43 @@ from slowtime_services.reports.first_page import (
 )
 from slowtime_services.reports.words import Words
 
-ALIKE = 0.9
-"""MAC [1] from which two shapes are taken for one. Source: the customary level at which shapes
-of two measurements count as those of one mode."""
+from .mode_doubts import ALIKE, Doubt, alike_groups, doubts_of
+
 MOST_DOUBTS = 2
 """Doubts about one mode that the first page tells [1]: the table below has flags and shapes."""
 MOST_LISTED = 10
 """Frequencies that a first page lists [1]: two lines."""
-Compared = tuple[float, float, float | None]
-SDS_OF_LINE = 3.0
-"""Distance of a mode from a machine line [standard deviations] up to which it may be that
-line. Source: chance exceeds it in 0.3 %."""
+MOST_REASONS = 3
+"""Reasons for doubts that the headline names [1]: the table has all."""
+
+SAME_SDS, SAME_SHARE = 2.0, 0.01
+"""Differences of a model's frequency up to which the model is kept: in combined standard
+deviations [1] (chance exceeds it in 5 %), and relative [1] (less than boundary conditions and
+temperature change of a structure from day to day)."""
+
+
+class Compared(NamedTuple):
+    """A mode beside that of a model: frequencies [Hz]; MAC, None without shapes."""
+
+    frequency_hz: Measured
+    model_hz: float
+    mac: float | None
+
+    @property
+    def share(self) -> float:
+        """Difference over the model's frequency [1]."""
+        return abs(self.frequency_hz.value / self.model_hz - 1.0)
+
+    @property
+    def sds(self) -> float:
+        """Difference in standard deviations of the measured frequency; a model has none."""
+        away = abs(self.frequency_hz.value - self.model_hz)
+        return away / self.frequency_hz.sd if self.frequency_hz.sd > 0.0 else float("inf")
+
+    @property
+    def same(self) -> bool:
+        """Whether the model is as good as the measurement, or as such models are."""
+        return self.sds <= SAME_SDS or self.share <= SAME_SHARE
 
 
 def modes_page(
@@ -57,19 +84,15 @@ def modes_page(
     rate_hz, duration_s
         Of the record; None where it is made of frequency responses.
     compared
-        Of each mode that a model has as well: both frequencies [Hz], and the MAC where the
-        model has shapes.
+        Each mode that a model has as well, beside the model's.
     sketch
         Structure; None where no geometry is known.
     """
     modes, subject = result.structural, subject_of(structure, name, words)
-    groups = _groups(modes)
-    grouped = {row for group in groups for row in group}
-    doubts = [
-        _doubts(mode, result, words) + [words("modes.alike")] * (row in grouped)
-        for row, mode in enumerate(modes)
-    ]
+    doubts = doubts_of(result, words)
     clean = [mode for mode, told in zip(modes, doubts, strict=True) if not told]
+    usable = {mode.frequency_hz.value for mode in clean}
+    sound = [one for one in compared if one.frequency_hz.value in usable]
     facts = [(words("facts.data"), name), (words("facts.channels"), ", ".join(channels))]
     facts += _sampling(rate_hz, duration_s, words)
     if modes:
@@ -88,11 +111,11 @@ def modes_page(
         subject=subject,
         question=words("modes.question", name=subject),
         measured=measured_on([(start_ns, duration_s)], words),
-        answer=_answer(modes, words),
+        answer=_answer(clean, doubts, words),
         confidence=confidence,
-        actions=list(_actions(modes, clean, words, compared=bool(compared))),
-        alternatives=list(_alternatives(result, groups, doubts, words)),
-        definition=_definition(clean, compared, words),
+        actions=list(_actions(modes, clean, sound, words)),
+        alternatives=list(_alternatives(result, doubts, words)),
+        definition=_definition(modes, clean, compared, words),
         facts=facts,
         sketch=sketch,
     )
@@ -117,54 +140,59 @@ def _estimate(mode: Mode, words: Words) -> dict[str, str]:
     return found | {"damping": words("modes.undamped")}
 
 
-def _answer(modes: Sequence[Mode], words: Words) -> str:
-    if not modes:
+def _answer(clean: Sequence[Mode], doubts: Sequence[Sequence[Doubt]], words: Words) -> str:
+    """Count the modes that can be used, then those that are doubtful and why."""
+    if not doubts:
         return words("modes.none")
-    if len(modes) == 1:
-        return words("modes.one", **_estimate(modes[0], words))
-    low, high = (words.number(modes[k].frequency_hz.value, 4) for k in (0, -1))
-    return words("modes.answer", n=len(modes), low=low, high=high, **_estimate(modes[0], words))
+    if len(clean) == 1:
+        said = words("modes.one", **_estimate(clean[0], words))
+    elif clean:
+        said = words("modes.answer", n=len(clean), listed=_listed(clean, words))
+    else:
+        said = words("modes.none_usable")
+    doubtful = len(doubts) - len(clean)
+    if not doubtful:
+        return f"{said}."
+    reasons = list(dict.fromkeys(one.short for every in doubts for one in every))
+    why = "; ".join(reasons[:MOST_REASONS])
+    why += " …" * (len(reasons) > MOST_REASONS)
+    key = "modes.doubtful_one" if doubtful == 1 else "modes.doubtful"
+    return f"{said}; {words(key, n=doubtful, why=why)}."
 
 
 def _actions(
-    modes: Sequence[Mode], clean: Sequence[Mode], words: Words, *, compared: bool
+    modes: Sequence[Mode], clean: Sequence[Mode], compared: Sequence[Compared], words: Words
 ) -> Iterator[str]:
+    """Say what to do; `compared` holds the usable modes that a model has as well."""
     if not modes:
         yield words("modes.do_longer")
         return
+    if compared:
+        yield _model_action(compared, words)
     if len(clean) < len(modes):
         yield words("modes.do_choose")
         if level_of(len(clean) / len(modes)) == "low":
             yield words("modes.do_better")
-    if compared:
-        yield words("modes.do_refit")
-    elif clean:
+    if clean and not compared:
         yield words("modes.do_use" if len(clean) == len(modes) else "modes.do_use_clean")
 
 
-def _doubts(mode: Mode, result: ModalResult, words: Words) -> list[str]:
-    """Say what a mode is flagged for, and why it may be no mode."""
-    told = [flag.replace("_", " ") for flag in mode.flags]
-    own = mode.frequency_hz
-    for other in result.modes:
-        away, sd = abs(own.value - other.frequency_hz.value), other.frequency_hz.sd
-        if other.kind != "structural":
-            width = mode.damping_ratio.value * own.value
-            near = max(SDS_OF_LINE * np.hypot(own.sd, sd), np.nan_to_num(width))
-            told += [words("modes.beside_line")] if away <= near else []
-    return list(dict.fromkeys(told))
-
-
-def _groups(modes: Sequence[Mode]) -> list[list[int]]:
-    """Group modes that the channels do not tell apart: each is like another of its group."""
-    group = list(range(len(modes)))
-    for row, mode in enumerate(modes):
-        for other in range(row):
-            if len(mode.shape) > 1 and mac(mode.shape, modes[other].shape) > ALIKE:
-                old, new = group[row], group[other]
-                group = [new if one == old else one for one in group]
-    found = [[row for row, one in enumerate(group) if one == name] for name in set(group)]
-    return sorted(rows for rows in found if len(rows) > 1)
+def _model_action(compared: Sequence[Compared], words: Words) -> str:
+    """Decide whether a model is kept, by the differences of its frequencies and shapes."""
+    worst = max(compared, key=lambda one: (not one.same, one.share))
+    share = words.percent(worst.share, 2)
+    hz = words.number(worst.frequency_hz.value, 4)
+    if not worst.same:
+        return words("modes.do_refit", hz=hz, share=share, sds=words.number(worst.sds, 2))
+    unlike = [one for one in compared if one.mac is not None and one.mac < ALIKE]
+    if unlike:
+        least = min(unlike, key=lambda one: one.mac or 0.0)
+        hz = words.number(least.frequency_hz.value, 4)
+        return words("modes.do_shapes", hz=hz, mac=words.number(least.mac or 0.0, 2))
+    sds = max(one.sds for one in compared)
+    if sds <= SAME_SDS:
+        return words("modes.do_keep", share=share, sds=words.number(sds, 2))
+    return words("modes.do_keep_share", share=share, limit=words.percent(SAME_SHARE))
 
 
 def _listed(modes: Sequence[Mode], words: Words) -> str:
@@ -175,30 +203,34 @@ def _listed(modes: Sequence[Mode], words: Words) -> str:
     return f"{'; '.join(shown)} Hz{rest}"
 
 
-def _definition(clean: Sequence[Mode], compared: Sequence[Compared], words: Words) -> str:
-    said = [words("modes.clean", listed=_listed(clean, words))] if clean else []
+def _definition(
+    modes: Sequence[Mode], clean: Sequence[Mode], compared: Sequence[Compared], words: Words
+) -> str:
+    said = []
+    if len(clean) > 1:
+        said.append(words("modes.lowest", **_estimate(clean[0], words)))
+    elif not clean and modes:
+        said.append(words("modes.all_doubtful", listed=_listed(modes, words)))
     if compared:
-        hz, own, _ = max(compared, key=lambda one: abs(np.log(one[0] / one[1])))
-        told = words.percent(abs(hz / own - 1.0), 2)
-        at = words.number(hz, 4)
+        most = max(compared, key=lambda one: one.share)
+        told, at = words.percent(most.share, 2), words.number(most.frequency_hz.value, 4)
         said.append(words("modes.compared", n=len(compared), most=told, at=at))
-        alike = [one[2] for one in compared if one[2] is not None]
+        alike = [one.mac for one in compared if one.mac is not None]
         if alike:
             said.append(words("modes.least_mac", mac=words.number(min(alike), 2)))
     return " ".join([*said, words("sd")])
 
 
 def _alternatives(
-    result: ModalResult, groups: Sequence[list[int]], doubts: Sequence[list[str]], words: Words
+    result: ModalResult, doubts: Sequence[Sequence[Doubt]], words: Words
 ) -> Iterator[Alternative]:
     """Give modes that may be something else, then lines of machines."""
     lines = [mode for mode in result.modes if mode.kind != "structural"]
-    for rows in groups:
+    for rows in alike_groups(result.structural):
         of_group = [result.structural[row] for row in rows]
         yield Alternative(_listed(of_group, words), words("modes.alike"))
-    alike = words("modes.alike")
     for mode, every in zip(result.structural, doubts, strict=True):
-        told = [one for one in every if one != alike]
+        told = [one.told for one in every if one.cause != "alike"]
         if told:
             hz = f"{words.number(mode.frequency_hz.value, 4)} Hz"
             yield Alternative(hz, ", ".join(told[:MOST_DOUBTS]))

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from slowtime.reliability import Conditional, Problem, Result, System
+from slowtime.reliability import Conditional, DesignPoint, Problem, Result, System
 from slowtime_services.problem_files.expressions import Expression
 from slowtime_services.problem_files.stated import NOTHING_STATED, Stated
 from slowtime_services.reports.first_page import (
@@ -17,12 +17,27 @@ from slowtime_services.reports.first_page import (
 from slowtime_services.reports.page import Chart, Section, Table, write_page
 from slowtime_services.reports.words import Words
 
+from .input_runs import run_name, runs_of_inputs
+
 GOOD, FAIR = 0.1, 0.3
 """Coefficients of variation [1] up to which an estimate is of high and of medium confidence.
 Source: at 0.3 the 95 % interval spans about a factor of four, at 0.1 one of 1.5."""
 
+MOST_APART = 3.0
+"""Ratio of two probabilities [1] from which methods disagree. Source: an interval of this width
+is of an estimate with a coefficient of variation of a quarter, more than that of a good one."""
+
+FRACTION_ERROR = 0.1
+"""Relative error [1] up to which a ratio is called a half, a third, ..., "about" being said."""
+
+FRACTIONS = (2, 3, 4, 5, 10)
+"""Denominators [1] of fractions that have a name in both languages."""
+
 MOST_LETTERS = 180
 """Letters of a limit state on a first page [1]: two lines; the section below has all of it."""
+
+MOST_POINTS = 5
+"""Design points that are listed [1]: farther ones add little."""
 
 MOST_NAMED = 12
 """Inputs that a first page names [1]: two lines."""
@@ -83,10 +98,7 @@ def reliability_page(
     else:
         lo, hi = (words.number(end) for end in best.interval)
         answer = words("reliability.answer", p=p, lo=lo, hi=hi, beta=beta)
-    verdict = _verdict(best, stated)
-    if verdict != "unstated":
-        accepted = words.number(stated.accepted or 0.0)
-        answer += " " + words(f"reliability.accepted_{verdict}", accepted=accepted)
+    answer += " " + _verdict_in_words(best, stated, words)
     return FirstPage(
         kind="reliability",
         subject=subject,
@@ -99,7 +111,7 @@ def reliability_page(
         alternatives=[_alternative(one, words) for one in others],
         facts=[
             (words("facts.data"), name),
-            (words("facts.inputs"), _named(problem.names, stated)),
+            (words("facts.inputs"), _named(problem, stated)),
             (words("facts.method"), best.method),
             (words("facts.calls"), str(best.calls)),
             (words("facts.seed"), str(seed)),
@@ -122,6 +134,38 @@ def _verdict(best: Result, stated: Stated) -> str:
     if best.interval is not None and lo <= stated.accepted <= hi:
         return "open"
     return "exceeded" if lo > stated.accepted else "kept"
+
+
+def _verdict_in_words(best: Result, stated: Stated, words: Words) -> str:
+    """Set the probability and its interval in proportion to what is accepted."""
+    verdict = _verdict(best, stated)
+    if verdict == "unstated" or not stated.accepted:
+        return words("reliability.accepted_unstated")
+    accepted = stated.accepted
+    told = {
+        "ratio": _ratio(best.probability / accepted, words),
+        "accepted": words.number(accepted),
+    }
+    if best.interval is None:
+        return words("reliability.accepted_no_interval", **told)
+    lo, hi = (_bound(end / accepted, words) for end in best.interval)
+    return words(f"reliability.accepted_{verdict}", lo=lo, hi=hi, **told)
+
+
+def _ratio(ratio: float, words: Words) -> str:
+    """Write a ratio as a fraction that has a name, or with two digits."""
+    for n in FRACTIONS:
+        if abs(ratio * n - 1.0) <= FRACTION_ERROR:
+            return words(f"reliability.fraction_{n}")
+    return _bound(ratio, words, 2)
+
+
+def _bound(ratio: float, words: Words, digits: int = 3) -> str:
+    """Write a ratio as so many times or as a share; near 1, digits tell it from 1."""
+    digits = 4 if 0.95 < ratio < 1.05 else digits
+    if ratio > 1.0:
+        return words("reliability.times", x=words.number(ratio, digits))
+    return words("reliability.share", share=words.percent(ratio, digits))
 
 
 def limit_state_text(problem: Problem) -> str:
@@ -153,14 +197,16 @@ def _definition(problem: Problem, stated: Stated, words: Words) -> str:
     return f"{failure} {words('reliability.no_period')}"
 
 
-def _named(inputs: Sequence[str], stated: Stated) -> str:
-    """List inputs with their units; of many the first, and how many there are."""
+def _named(problem: Problem, stated: Stated) -> str:
+    """List inputs with their units, and like ones as one; of many the first, and the count."""
+    runs = runs_of_inputs(problem, stated)
+    units = [stated.units.get(run[0], "") for run in runs]
     names = [
-        f"{name} [{stated.units[name]}]" if name in stated.units else name for name in inputs
-    ]
-    if len(names) <= MOST_NAMED:
-        return ", ".join(names)
-    return f"{', '.join(names[:MOST_NAMED])}, … ({len(names)})"
+        f"{run_name(run)} [{unit}]" if unit else run_name(run)
+        for run, unit in zip(runs, units, strict=True)
+    ][:MOST_NAMED]
+    rest = f", … ({len(problem.names)})" if len(runs) > MOST_NAMED else ""
+    return f"{', '.join(names)}{rest}"
 
 
 def _best(found: Sequence[Result]) -> Result:
@@ -180,12 +226,32 @@ def _confidence(best: Result, others: Sequence[Result], words: Words) -> Confide
     level: Level = "high" if cov <= GOOD else "medium" if cov <= FAIR else "low"
     if level == "high" and others and not agree:
         level = "medium"
+    apart = [(one, ratio) for one in others if (ratio := _apart(best, one)) > MOST_APART]
+    if level == "high" and apart:
+        level = "medium"
     if best.warnings:
         level = "low"
     told = words(
         "reliability.confidence", cov=words.percent(cov, 2), agree=agree, n=len(others)
     )
-    return Confidence(level, told)
+    said = [told]
+    for one, ratio in apart:
+        way = "less" if one.probability < best.probability else "more"
+        times = "∞" if math.isinf(ratio) else words.number(ratio, 2)
+        said.append(words(f"reliability.apart_{way}", method=one.method, times=times))
+    return Confidence(level, " ".join(said))
+
+
+def _apart(best: Result, other: Result) -> float:
+    """Return the ratio of the larger of two probabilities to the smaller [1].
+
+    A method in whose samples nothing failed contradicts only what lies beyond its interval.
+    """
+    low, high = sorted((best.probability, other.probability))
+    if low > 0.0:
+        return high / low
+    inside = other.interval is not None and best.probability <= other.interval[1]
+    return 1.0 if inside or high == low else math.inf
 
 
 def _alternative(one: Result, words: Words) -> Alternative:
@@ -245,15 +311,34 @@ def _picture(found: Sequence[Result], words: Words) -> Chart:
 
 
 def _inputs(problem: Problem, stated: Stated) -> Table:
-    """List inputs with mean, standard deviation and unit."""
+    """List inputs with mean, standard deviation and unit; like ones as one."""
     rows = []
-    for name, law in problem.inputs.items():
+    for run in runs_of_inputs(problem, stated):
+        law = problem.inputs[run[0]]
         numbers = ("", "")
         if not isinstance(law, Conditional):
             numbers = (f"{law.mean:.5g}", f"{law.sd:.4g}")
-        rows.append((name, *numbers, stated.units.get(name, "")))
-    caption = "A unit is empty where the file does not state it."
+        rows.append((run_name(run), *numbers, stated.units.get(run[0], "")))
+    caption = (
+        "A unit is empty where the file does not state it. A row of several inputs has the "
+        "numbers of each."
+    )
     return Table(("input", "mean", "standard deviation", "unit"), rows, caption)
+
+
+def _design_points(
+    points: Sequence[DesignPoint], problem: Problem, stated: Stated
+) -> Iterator[tuple[str, ...]]:
+    """List design points, inputs that are alike there as one."""
+    for k, point in enumerate(points[:MOST_POINTS], start=1):
+        cells = {
+            name: (f"{point.x[i]:.5g}", f"{100 * point.importance[i]:.1f}")
+            for i, name in enumerate(problem.names)
+        }
+        for run in runs_of_inputs(problem, stated):
+            same = len({cells[name] for name in run}) == 1
+            for part in [run] if same else [[name] for name in run]:
+                yield str(k), f"{point.beta:.3f}", run_name(part), *cells[part[0]]
 
 
 def _sections(
@@ -275,13 +360,8 @@ def _sections(
     formula = stated.formula or limit_state_text(problem)
     yield Section("Failure", [formula], [_inputs(problem, stated)])
     points = next((one.design_points for one in found if one.design_points), ())
-    listed = [
-        (str(k), f"{point.beta:.3f}", name, f"{point.x[i]:.5g}",
-         f"{100 * point.importance[i]:.1f}")
-        for k, point in enumerate(points[:5], start=1)
-        for i, name in enumerate(problem.names)
-    ]  # fmt: skip
+    listed = list(_design_points(points, problem, stated))
     if listed:
-        told = "Importance is α², the share of the variance at the design point."
+        told = "Importance is α², the share of the variance at the design point, of each input."
         names = ("point", "beta [1]", "input", "value", "importance [%]")
         yield Section("Design points", (), [Table(names, listed, told)])
