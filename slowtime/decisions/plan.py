@@ -36,8 +36,8 @@ INSPECTIONS = 8
 """Later times of an inspection that are tried."""
 
 LEAST_GAIN = 1e-3
-"""Share of the least cost of waiting [1] by which deciding after readings has to be cheaper to be
-an option. Source: less than the three digits of a printed cost."""
+"""Share of the least cost of waiting [1] by which deciding after readings has to be cheaper
+to be an option. Source: less than the three digits of a printed cost."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,5 +1,6 @@
 """Every kind of report has the same first page, in both languages, on paper and on a phone."""
 
+import copy
 import dataclasses
 import html
 import json
@@ -22,7 +23,9 @@ from slowtime_services.reports import (
 )
 from slowtime_services.reports.first_page import Confidence, first_page, made_on
 from slowtime_services.reports.kinds.modes import modes_page
-from slowtime_services.reports.kinds.plan import _amount, plan_page
+from slowtime_services.reports.kinds.plan import plan_page, write_plan_report
+from slowtime_services.reports.kinds.plan_details import plan_sections
+from slowtime_services.reports.kinds.plan_options import amount_text
 from slowtime_services.reports.kinds.state import state_page
 from slowtime_services.reports.words import FOLDER
 from tests.services.reports.reports_of_each_kind import (
@@ -64,6 +67,9 @@ SAYS = {
                       "Die Steifigkeit ist seit dem Bau um 25,0 ± 1,0 % gesunken.",
                       "eine Änderung der Masse um 33,3 ± 1,8 %"],
 }  # fmt: skip
+
+TRANSLATED = ("plan",)
+"""Kinds whose details are in the language of the page."""
 
 EACH = [(kind, language) for kind in WRITERS for language in LANGUAGES]
 
@@ -109,7 +115,10 @@ def test_headings_of_details_are_of_the_same_language(tmp_path, kind):
     for heading in re.findall(r"<h2([^>]*)>", body):
         assert "lang" not in heading
     # Sentences that stay English are marked, for readers and for their machines.
-    assert not re.findall(r"<p>", body)
+    if kind in TRANSLATED:
+        assert 'lang="en"' not in body
+    else:
+        assert not re.findall(r"<p>", body)
     english = set(json.loads((FOLDER / "de.json").read_text())["headings"])
     cells = [html.unescape(cell) for cell in re.findall(r'<th scope="col">([^<]*)</th>', body)]
     same = {"option", "5 %", "95 %", "p-value", "beta [1]", "P_f [1]", "parameters"}
@@ -172,10 +181,75 @@ def test_a_plan_whose_last_safe_day_has_passed_says_so_first():
     plan["action"] = "repair"
     plan["last_order"] |= {"status": "passed", "order": None}
     page = plan_page(plan, Words("en"))
-    assert page.answer.startswith("Order the repair now. The last safe day to order a repair")
+    assert page.answer.startswith("Order the repair now. The last safe time to order a repair")
     assert any(action.startswith("Order now: done 2027-05-22") for action in page.actions)
     refused = plan_page(plan | {"options": [], "sentence": "Too few."}, Words("de"))
     assert refused.answer == "Es gibt keinen Plan: Too few."
+
+
+def test_a_plan_tells_the_present_state_and_how_near_the_limit_is():
+    plan = plan_answer()
+    plan["last_order"]["now_probability"] = 0.031
+    told = plan_page(plan, Words("en")).definition
+    assert told.startswith(
+        "At the last reading (812.5 d, 2026-11-21 04:00 UTC) the stiffness was down by "
+        "18.7 ± 1.2 %; limit −30 %. Failure within the 0.5 years that a repair takes if "
+        "ordered now: 3.1 %."
+    )
+    german = plan_page(plan, Words("de")).definition
+    assert "die Steifigkeit um 18,7 ± 1,2 % gesunken; Grenze −30 %." in german
+    assert "Die Steifigkeit sinkt um mehr als 30 %." in german
+    assert "unit" not in told
+    bare = plan | {"time_unit": "slow_time", "slow_time_unit": None, "seconds": None}
+    assert "Slow time has no unit in this file." in plan_page(bare, Words("en")).definition
+
+
+def test_a_last_safe_day_before_the_report_says_to_read_again_first(monkeypatch):
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1800000000")  # 2027-01-15
+    page = plan_page(plan_answer(), Words("en"))
+    assert "has passed" not in page.answer
+    assert any("into the calendar: 2028-12-28" in action for action in page.actions)
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1900000000")  # 2030-03-17
+    page = plan_page(plan_answer(), Words("en"))
+    assert "(in 2.1 years). That time has passed: read again first." in page.answer
+    assert page.actions[0].startswith("Read again")
+    assert not any("calendar" in action for action in page.actions)
+
+
+def test_readings_of_a_plan_end_in_an_order_where_they_decide_nothing():
+    plan = plan_answer()
+    plan["options"][0] |= {"name": "read_on", "parameters": {"at": 1.5}}
+    actions = plan_page(plan, Words("en")).actions
+    said = "Read for 1.5 years at most. If it is still undecided then, order the repair."
+    assert said in actions
+    plan["last_order"] |= {"status": "beyond", "order": None}
+    assert said not in plan_page(plan, Words("en")).actions
+
+
+def test_fixed_dates_that_do_not_pay_stand_beside_the_trigger_that_does():
+    plan = plan_answer()
+    nothing = copy.deepcopy(plan["options"][0]) | {"name": "nothing", "words": "run to failure"}
+    nothing["cost"]["value"] = 70000.0
+    plan["options"].append(nothing)
+    plan["last_order"] |= {"status": "beyond", "order": None, "limit": None}
+    told = " ".join(next(iter(plan_sections(plan, Words("en")))).words)
+    assert "than running to failure (70,000 EUR). “order a repair once the estimate" in told
+    assert "” does (61,200 EUR)." in told
+    plan["options"].reverse()
+    told = " ".join(next(iter(plan_sections(plan, Words("de")))).words)
+    assert "als der Betrieb bis zum Versagen." in told
+
+
+def test_a_german_plan_has_no_english_sentence_or_number_in_its_details(tmp_path):
+    plan, path = plan_answer(), tmp_path / "plan.html"
+    plan["options"][1]["parameters"] = {"age": 3.0}  # else it is of a new kind, in English
+    write_plan_report(path, plan, language="de")
+    page = path.read_text(encoding="utf-8")
+    body = page.partition("</header>")[2].partition("<script")[0]
+    text = html.unescape(re.sub(r"<[^>]+>", " ", body))
+    assert not re.search(r"\b(the|of|is|and|wait|repair|within|cost|years)\b", text)
+    assert "900.000" in text
+    assert not re.search(r"\d,\d{3}\b", text)
 
 
 @pytest.mark.parametrize(("p", "level"), [(0.99, "high"), (0.8, "medium"), (0.3, "low")])
@@ -279,5 +353,5 @@ def test_a_mode_that_may_be_another_or_a_line_is_no_mode_without_reservations():
 
 
 def test_small_costs_are_written_and_rounding_is_not():
-    assert [_amount(x, 39_000.0) for x in (38_953.7, -4.4e-11)] == ["39,000", "0"]
-    assert [_amount(x, 0.02) for x in (0.004, 0.0123)] == ["0.004", "0.0123"]
+    assert [amount_text(x, 39_000.0, Words()) for x in (38_953.7, -4.4e-11)] == ["39,000", "0"]
+    assert [amount_text(x, 0.02, Words()) for x in (0.004, 0.0123)] == ["0.004", "0.0123"]
