@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 
+import numpy as np
 import pytest
 
 from slowtime.dynamics.description import Description, Node, Spring
@@ -26,7 +27,7 @@ from slowtime_services.reports.kinds.modes import modes_page
 from slowtime_services.reports.kinds.plan import plan_page, write_plan_report
 from slowtime_services.reports.kinds.plan_details import plan_sections
 from slowtime_services.reports.kinds.plan_options import amount_text
-from slowtime_services.reports.kinds.state import state_page
+from slowtime_services.reports.kinds.state import Reference, state_page, write_state_report
 from slowtime_services.reports.words import FOLDER
 from tests.services.reports.reports_of_each_kind import (
     CHANNELS,
@@ -61,14 +62,17 @@ SAYS = {
                      "Letzter sicherer Tag, eine Reparatur zu bestellen: 2028-12-28 "
                      "(in 2,1 Jahren).", "61.200 EUR", "0,5 Jahren"],
     ("state", "en"): ["Has lab.beam changed, and by how much?",
-                      "The stiffness has fallen by 25.0 ± 1.0 % since as built.",
+                      "At 40 d the natural frequency has fallen by 13.40 ± 0.58 %",
+                      "unchanged, the stiffness has fallen by 25.0 ± 1.0 %.",
                       "a change of mass by 33.3 ± 1.8 % instead", "3 (The reference is"],
     ("state", "de"): ["Hat sich lab.beam geändert, und um wie viel?",
-                      "Die Steifigkeit ist seit dem Bau um 25,0 ± 1,0 % gesunken.",
+                      "Bei 40 d ist die Eigenfrequenz gegenüber dem Bezug der Anmeldung "
+                      "um 13,40 ± 0,58 % gesunken.",
+                      "ist die Steifigkeit um 25,0 ± 1,0 % gesunken.",
                       "eine Änderung der Masse um 33,3 ± 1,8 %"],
 }  # fmt: skip
 
-TRANSLATED = ("plan",)
+TRANSLATED = ("plan", "state")
 """Kinds whose details are in the language of the page."""
 
 EACH = [(kind, language) for kind in WRITERS for language in LANGUAGES]
@@ -150,7 +154,7 @@ def test_a_change_that_is_not_certain_is_not_called_one():
     for loss, sd, level, said in (
         (0.25, 0.01, "high", "has fallen by 25.0 ± 1.0 %"),
         (0.01, 0.02, "high", "shows no change: −1.0 ± 2.0 %"),
-        (0.03, 0.02, "medium", "No change of the stiffness is certain: −3.0 ± 2.0 %"),
+        (0.03, 0.02, "medium", "no change of the stiffness is certain: −3.0 ± 2.0 %"),
     ):
         page = state_page("b", states(loss, sd), "stiffness", Words("en"))
         assert page.confidence.level == level
@@ -165,7 +169,9 @@ def test_what_a_frequency_knows_is_said_where_its_parts_are_not_known():
     told = states(0.1, 0.09)
     told[-1] |= {"mass_change": {"value": 0.1, "sd": 0.11}, "correlation": 0.9999}
     page = state_page("b", told, "both", Words("en"))
-    assert page.answer.startswith("The ratio of stiffness to mass has fallen by 18.18 ±")
+    assert page.answer.startswith(
+        "At 40 d the ratio of stiffness to mass has fallen by 18.18 ±"
+    )
     assert page.confidence.level == "high"
     assert any("tell stiffness from mass" in action for action in page.actions)
     assert [one.name for one in page.alternatives][:2] == [
@@ -173,7 +179,61 @@ def test_what_a_frequency_knows_is_said_where_its_parts_are_not_known():
         "a change of mass by 22.22 ± 0.17 % instead",
     ]
     told[-1] |= {"correlation": 0.0}
-    assert "ratio" not in state_page("b", told, "both", Words("en")).answer
+    assert "ratio of stiffness" not in state_page("b", told, "both", Words("en")).answer
+
+
+def stepped(size):
+    """Epochs of a frequency of 3 ± 0.01 Hz that steps after epoch 24."""
+    rng = np.random.default_rng(1)
+    told = states(0.0)
+    for k, one in enumerate(told):
+        hz = 3.0 * (1.0 + size * (k > 24)) + 0.01 * rng.standard_normal()
+        one |= {"frequency_hz": {"value": hz, "sd": 0.01}}
+    return told
+
+
+def test_a_step_of_the_history_is_told_with_its_instant():
+    page = state_page("b", stepped(-0.1), "stiffness", Words("en"))
+    assert "Step: between 24 d and 25 d the frequency fell by about" in page.definition
+    size = float(re.findall(r"fell by about ([\d.]+) %", page.definition)[0])
+    assert size == pytest.approx(10.0, abs=0.5)
+    assert page.actions[0].startswith("Find out first what happened at the step")
+    assert "Step" not in state_page("b", stepped(0.0), "stiffness", Words("en")).definition
+    # An even decline is no step.
+    assert "Step" not in state_page("b", states(0.25), "stiffness", Words("en")).definition
+
+
+def test_a_state_is_counted_from_the_reference_that_there_is():
+    told = states()
+    for one in told:
+        one |= {"slow_time_unit": None, "t_ns": 0}
+    learnt = state_page("b", told, "stiffness", Words("en"), reference=Reference(None, 20))
+    assert "At 40 time units the natural frequency" in learnt.answer
+    assert "% since the first 20 epochs." in learnt.answer
+    assert "Slow time has no unit in this file." in learnt.definition
+    given = state_page("b", told, "stiffness", Words("de"), reference=Reference(4.0))
+    assert "gegenüber den gegebenen 4 Hz" in given.answer
+    for page in (learnt, given):
+        assert not re.search("as built|seit dem Bau", page.answer + page.definition)
+
+
+def test_a_german_state_is_german_to_its_last_row(tmp_path):
+    told, path = states() * 2, tmp_path / "state.html"
+    learning = (
+        "The nominal model is still being learnt from the first epochs. Wait, or give the "
+        "nominal frequency and damping ratio in the twin's registration."
+    )
+    told = [one | {"slow_time": float(k)} for k, one in enumerate(told)]
+    told[0] |= {"reasons": [learning]}
+    told = [one | {"reasons": one["reasons"] and [learning]} for one in told]
+    write_state_report(path, "b.csv", told, "stiffness", language="de")
+    body = path.read_text(encoding="utf-8").partition("</header>")[2].partition("<script")[0]
+    text = html.unescape(re.sub(r"<[^>]+>", " ", body))
+    assert not re.search(r"\b(the|is|yes|no|Wait|slow|valid|shown)\b", text)
+    assert "Der Bezug wird noch aus den ersten Epochen gelernt." in text
+    assert "41 von 82 Epochen sind gezeigt" in text
+    assert re.findall(r"<tr><td[^>]*>([^<]*)<", body)[-1] == "81"
+    assert "25,0 ± 1,0" in text
 
 
 def test_a_plan_whose_last_safe_day_has_passed_says_so_first():
@@ -249,7 +309,7 @@ def test_a_german_plan_has_no_english_sentence_or_number_in_its_details(tmp_path
     text = html.unescape(re.sub(r"<[^>]+>", " ", body))
     assert not re.search(r"\b(the|of|is|and|wait|repair|within|cost|years)\b", text)
     assert "900.000" in text
-    assert not re.search(r"\d,\d{3}\b", text)
+    assert not re.search(r"[1-9],\d{3}\b", text)
 
 
 @pytest.mark.parametrize(("p", "level"), [(0.99, "high"), (0.8, "medium"), (0.3, "low")])
