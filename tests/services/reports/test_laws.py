@@ -200,7 +200,7 @@ def test_options_have_words_in_each_language_and_new_kinds_those_of_the_server()
     plan = plan_answer()
     best = plan["options"][0]
     assert option_words(best, plan, Words()) == (
-        "order a repair once the estimate reaches −25.5 % (85 % of failure)"
+        "order a repair once the estimate reaches −25.5 %"
     )
     assert option_words(best, plan, Words("de")).startswith("eine Reparatur bestellen, sobald")
     at_once = copy.deepcopy(plan)

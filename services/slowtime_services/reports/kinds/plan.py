@@ -141,9 +141,7 @@ def _definition(plan: Answer, words: Words) -> str:
             horizon=span_of(plan, plan["horizon"]["ahead"], words),
         )
     )
-    said.append(words("plan.counted"))
-    if has_no_unit(plan):
-        said.append(words("unit.unknown"))
+    said.append(words("plan.counted_bare" if has_no_unit(plan) else "plan.counted"))
     return " ".join(said)
 
 
@@ -233,7 +231,11 @@ def _actions(plan: Answer, words: Words) -> Iterator[str]:
     gone = _is_gone(plan)
     if gone:
         yield words("plan.do_read_again")
-    if plan["decided"]:
+    in_time = last["status"] == "due" and best_option["name"] == "read_on"
+    if plan["decided"] and in_time:
+        at = span_of(plan, best_option["parameters"]["at"], words)
+        yield words("plan.do_read_on", at=at)
+    elif plan["decided"]:
         yield words("plan.do_option", name=option_words(plan["options"][0], plan, words))
     elif plan["difference"] is not None:
         best = _compared(plan, words)[0]
@@ -244,9 +246,9 @@ def _actions(plan: Answer, words: Words) -> Iterator[str]:
             horizon=span_of(plan, plan["horizon"]["ahead"], words),
             value=money_of(plan, plan["difference"]["value"], words),
         )
-    if last["status"] == "due" and best_option["name"] == "read_on":
+    if in_time and not plan["decided"]:
         at = span_of(plan, best_option["parameters"]["at"], words)
-        yield words("plan.do_read_on", at=at)
+        yield words("plan.do_read_most", at=at)
     if last["status"] == "due" and not gone:
         yield words("plan.do_order", when=moment_of(plan, last["order"], words))
     if plan["action"] == "repair" and last["now_effect"] is not None:

@@ -220,7 +220,8 @@ def _cost_table(plan: Answer, words: Words) -> Table:
             rows.append((title, "–", "", words("plan.not_offered")))
         elif isinstance(one, Mapping):
             each = f"{plan['currency']} {per}" if name in PER_TIME else plan["currency"]
-            rows.append((title, words.number(one["mean"], 6), words.number(one["sd"], 6), each))
+            mean, sd = (_whole(one[part], words) for part in ("mean", "sd"))
+            rows.append((title, mean, sd, each))
         elif name == "discount_rate":
             rows.append((title, words.number(100 * one), "", f"% {per}"))
         else:
@@ -231,6 +232,11 @@ def _cost_table(plan: Answer, words: Words) -> Table:
     rows.append((words("plan.months_row"), months, "", words("plan.month_unit")))
     for one in plan["information"]:
         title = words("plan.observation_row", name=observation_name(one, words))
-        rows.append((title, words.number(one["cost"], 6), "", plan["currency"]))
+        rows.append((title, _whole(one["cost"], words), "", plan["currency"]))
     heads = ("item", "value", "standard deviation", "unit")
     return Table(heads, rows, words("plan.costs_caption"))
+
+
+def _whole(amount: float, words: Words) -> str:
+    """Write an amount in up to six digits, thousands apart."""
+    return words.whole(amount, 6) if abs(amount) >= 1000 else words.number(amount, 6)
