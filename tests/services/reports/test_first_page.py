@@ -285,6 +285,12 @@ def test_readings_of_a_plan_end_in_an_order_where_they_decide_nothing():
         "repair."
     )
     assert said in actions
+    assert not any("calendar" in action for action in actions)
+    undecided = plan_page(plan | {"decided": False, "action": "undecided"}, Words("en"))
+    assert any(
+        action.startswith("Until it is decided: read for 1.5 years at most; if it is still")
+        for action in undecided.actions
+    )
     plan["last_order"] |= {"status": "beyond", "order": None}
     assert said not in plan_page(plan, Words("en")).actions
 

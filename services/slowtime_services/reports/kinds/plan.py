@@ -237,6 +237,10 @@ def _actions(plan: Answer, words: Words) -> Iterator[str]:
         yield words("plan.do_read_on", at=at)
     elif plan["decided"]:
         yield words("plan.do_option", name=option_words(plan["options"][0], plan, words))
+    elif plan["difference"] is not None and in_time:
+        at = span_of(plan, best_option["parameters"]["at"], words)
+        value = money_of(plan, plan["difference"]["value"], words)
+        yield words("plan.do_read_most", at=at, value=value)
     elif plan["difference"] is not None:
         best = _compared(plan, words)[0]
         yield words(
@@ -246,10 +250,7 @@ def _actions(plan: Answer, words: Words) -> Iterator[str]:
             horizon=span_of(plan, plan["horizon"]["ahead"], words),
             value=money_of(plan, plan["difference"]["value"], words),
         )
-    if in_time and not plan["decided"]:
-        at = span_of(plan, best_option["parameters"]["at"], words)
-        yield words("plan.do_read_most", at=at)
-    if last["status"] == "due" and not gone:
+    if last["status"] == "due" and not gone and not in_time:
         yield words("plan.do_order", when=moment_of(plan, last["order"], words))
     if plan["action"] == "repair" and last["now_effect"] is not None:
         when = moment_of(plan, last["now_effect"], words)
