@@ -35,6 +35,10 @@ LEVELS_AFTER = (0.6, 0.7, 0.8, 0.85, 0.9)
 INSPECTIONS = 8
 """Later times of an inspection that are tried."""
 
+LEAST_GAIN = 1e-3
+"""Share of the least cost of waiting [1] by which deciding after readings has to be cheaper
+to be an option. Source: less than the three digits of a printed cost."""
+
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Terms:
@@ -121,8 +125,9 @@ class Plan:
 
     @property
     def advice(self) -> Worth | None:
-        """Observation of largest net value, where one is worth its cost."""
-        return most_worth(self.worths)
+        """Observation of largest net value that is in time, where one is worth its cost."""
+        last = max(self.last_order.order, 0.0)
+        return most_worth([one for one in self.worths if one.at <= last])
 
 
 def make_plan(futures: Ensemble, costs: Costs, terms: Terms) -> Plan:
@@ -167,7 +172,9 @@ def make_plan(futures: Ensemble, costs: Costs, terms: Terms) -> Plan:
     least = _least(options, futures, prices)
     if inspection is not None:
         options += _inspections(futures, costs, inspection, actions)
-    options += _readings(futures, costs, terms, actions)
+    last = _last_order(futures, items, never, prices, terms)
+    waiting = [float(futures.weights @ (o.items @ prices)) for o in options if o.now == "wait"]
+    options += _readings(futures, costs, terms, actions, last.order, min(waiting))
     means = np.array([float(each.quantities(futures.weights) @ prices) for each in options])
     order = np.argsort(means, kind="stable")
     options = [options[k] for k in order]
@@ -181,7 +188,7 @@ def make_plan(futures: Ensemble, costs: Costs, terms: Terms) -> Plan:
         expected,
         futures.failure_probability(),
         futures,
-        _last_order(futures, items, never, prices, terms),
+        last,
     )
 
 
@@ -361,20 +368,44 @@ def _decided(
     return items, taken, float(found.changes)
 
 
-def _readings(futures: Ensemble, costs: Costs, terms: Terms, actions: _Left) -> list[Option]:
-    """Take the readings that come anyway, and decide by what they show: the best count."""
+def _readings(
+    futures: Ensemble,
+    costs: Costs,
+    terms: Terms,
+    actions: _Left,
+    last_order: float,
+    waiting: float,
+) -> list[Option]:
+    """Take the readings that come anyway, and decide by what they show: the best count.
+
+    Readings end by the last order that is in time. Where they save nothing against `waiting`,
+    the least cost of an option that waits without them, they are no option.
+    """
     best: Option | None = None
+    least = waiting - LEAST_GAIN * abs(waiting)
     prices = costs.prices()
-    for one in terms.observations:
+    end = futures.time[futures.time <= max(last_order, 0.0) * (1 + 1e-9)][-1]
+    for given in terms.observations:
+        one = _in_time(given, float(end))
         index = index_of(one, futures.time)
         if one.kind != "readings" or one.cost > 0.0 or not 0 < index < len(futures.time) - 1:
             continue
         items, taken, changes = _decided(futures, costs, one, actions, index)
-        if best is None or float(futures.weights @ ((items - best.items) @ prices)) < 0.0:
-            given = {"at": float(futures.time[index]), "changes": changes}
+        mean = float(futures.weights @ (items @ prices))
+        if mean < least:
+            least = mean
+            parameters = {"at": float(futures.time[index]), "changes": changes}
             curve = _curve_after(futures, costs, actions.since(index), taken, None)
-            best = Option("read_on", "wait", items, curve, given)
+            best = Option("read_on", "wait", items, curve, parameters)
     return [] if best is None else [best]
+
+
+def _in_time(one: Observation, end: float) -> Observation:
+    """Leave out the readings after a time."""
+    if one.count * one.every <= end:
+        return one
+    # A quotient that is whole but for rounding is that whole number.
+    return dataclasses.replace(one, count=int(end / one.every * (1 + 1e-9)))
 
 
 def _of_inspection(

@@ -34,6 +34,7 @@ PLAN_EXAMPLE: dict[str, Any] = {
         "toward": "below",
         "already": 0.0,
         "within": 0.62,
+        "estimate": {"value": -0.187, "sd": 0.012},
     },
     "action": "wait",
     "decided": True,
@@ -117,6 +118,13 @@ class PlanTime(RestAnswer):
     t: str | None = Field(description="RFC 3339; null where the calendar is not known.")
 
 
+class PlanEstimate(RestAnswer):
+    """The quantity that fails at the last reading, as a relative change."""
+
+    value: float
+    sd: float = Field(description="Standard deviation.")
+
+
 class PlanFailure(RestAnswer):
     """The definition of failure, and its probability without a repair."""
 
@@ -125,6 +133,9 @@ class PlanFailure(RestAnswer):
     toward: Literal["below", "above"]
     already: float = Field(description="Probability that it counts as failed by now.")
     within: float = Field(description="Probability of a failure within the horizon.")
+    estimate: PlanEstimate | None = Field(
+        None, description="Present value of `quantity`; null from versions without it."
+    )
 
 
 class PlanCost(RestAnswer):

@@ -140,8 +140,8 @@ class FirstPage:
     place: str = ""
 
 
-def made_on() -> str:
-    """Date of a report, or that of SOURCE_DATE_EPOCH, for reports that are to be compared.
+def made_at() -> datetime.datetime:
+    """Instant of a report, or SOURCE_DATE_EPOCH, for reports that are to be compared.
 
     References
     ----------
@@ -151,7 +151,12 @@ def made_on() -> str:
     now = datetime.datetime.now(datetime.UTC)
     if fixed.isdecimal():
         now = datetime.datetime.fromtimestamp(int(fixed), datetime.UTC)
-    return f"{now:%Y-%m-%d}"
+    return now
+
+
+def made_on() -> str:
+    """Date of a report."""
+    return f"{made_at():%Y-%m-%d}"
 
 
 Span = tuple[int | None, float | None]

@@ -61,6 +61,7 @@ for (const place of document.querySelectorAll('.chart')) {
     .map(([k, v]) => [k, { gridcolor: line, zerolinecolor: line, automargin: true, ...v }]));
   Plotly.newPlot(place, data, { margin: { t: 24, r: 16, b: 44 }, paper_bgcolor: 'rgba(0,0,0,0)',
     plot_bgcolor: 'rgba(0,0,0,0)', modebar: { bgcolor: 'rgba(0,0,0,0)' },
+    separators: document.documentElement.lang === 'de' ? ',.' : '.,',
     font: { color: ink }, legend: { orientation: 'h', y: 1.02, yanchor: 'bottom' },
     ...layout, ...axes }, { responsive: true, displaylogo: false });
 }
@@ -135,11 +136,18 @@ Item = Table | Chart | Scene | PoleChoice
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Section:
-    """A heading, sentences, and the items below them."""
+    """A heading, sentences, and the items below them.
+
+    Parameters
+    ----------
+    translated
+        Whether the texts are in the language of the page; English else.
+    """
 
     heading: str
     words: Sequence[str] = ()
     shown: Sequence[Item] = ()
+    translated: bool = False
 
 
 def write_page(
@@ -166,7 +174,8 @@ def write_page(
     heading
         Of the details to which the picture belongs; empty for none.
     language
-        Of the first page and of the headings; details stay English.
+        Of the first page, the headings, the numbers of figures and translated sections; other
+        details stay English.
 
     Raises
     ------
@@ -275,7 +284,7 @@ def _told(sections: Sequence[Section], head: str) -> Iterator[Section]:
         sentences = [one for text in section.words if (one := fresh(text))]
         shown = [with_fresh_caption(one) for one in section.shown]
         if sentences or shown:
-            yield Section(section.heading, sentences, shown)
+            yield dataclasses.replace(section, words=sentences, shown=shown)
 
 
 def _key(sentence: str) -> str:
@@ -283,8 +292,9 @@ def _key(sentence: str) -> str:
 
 
 def _section(section: Section, words: Words) -> str:
-    told = [f"<p{_of(words)}>{html.escape(sentence)}</p>" for sentence in section.words]
-    shown = [_item(one, words) for one in section.shown]
+    own = "" if section.translated else _of(words)
+    told = [f"<p{own}>{html.escape(sentence)}</p>" for sentence in section.words]
+    shown = [_item(one, words, own) for one in section.shown]
     inside = "\n".join(told + shown)
     heading = words.heading(section.heading)
     of = _of(words) if heading is None else ""
@@ -299,12 +309,12 @@ def _of(words: Words) -> str:
     return "" if words.language == "en" else ' lang="en"'
 
 
-def _item(shown: Item, words: Words) -> str:
+def _item(shown: Item, words: Words, own: str) -> str:
     if isinstance(shown, Table):
-        return _table(shown, words)
+        return _table(shown, words, own)
     if isinstance(shown, PoleChoice):
         return _pole_choice(shown, words)
-    return _chart(shown, _of(words)) if isinstance(shown, Chart) else _scene(shown, words)
+    return _chart(shown, own) if isinstance(shown, Chart) else _scene(shown, words)
 
 
 def _pole_choice(choice: PoleChoice, words: Words) -> str:
@@ -324,14 +334,14 @@ def _scene(scene: Scene, words: Words) -> str:
     )
 
 
-def _table(table: Table, words: Words) -> str:
+def _table(table: Table, words: Words, own: str) -> str:
     head = "".join(
         f'<th scope="col">{html.escape(words.heading(cell) or cell)}</th>'
         for cell in table.headings
     )
     rows = "\n".join("<tr>" + "".join(map(_cell, row)) + "</tr>" for row in table.rows)
     caption = html.escape(table.caption)
-    caption = f"<caption{_of(words)}>{caption}</caption>" if caption else ""
+    caption = f"<caption{own}>{caption}</caption>" if caption else ""
     return (
         f'<div class="wide"><table>{caption}<thead><tr>{head}</tr></thead>'
         f"<tbody>{rows}</tbody></table></div>"

@@ -65,6 +65,10 @@ class Words:
         found: str | None = self._messages["headings"].get(english)
         return found
 
+    def reason(self, english: str) -> str:
+        """Return a reason of the analysis in this language; in English where it has none."""
+        return str(self._messages.get("reasons", {}).get(english, english))
+
     def number(self, value: float, digits: int = 3) -> str:
         """Write a number with so many significant digits.
 

@@ -115,12 +115,16 @@ def reliability(path: Path, language: str) -> None:
 
 
 def plan_answer():
-    """Give the plan of the reference, with a second option that costs about as much."""
+    """Give the plan of the reference, with an option of about its cost, and its alternative."""
     plan = copy.deepcopy(PLAN_EXAMPLE)
     other = copy.deepcopy(plan["options"][0])
     other |= {"name": "age", "words": "order a repair for an age of 3 years from now on"}
     other["cost"]["value"] = 63000.0
-    plan["options"].append(other)
+    now = copy.deepcopy(plan["options"][0])
+    now |= {"name": "repair_now", "words": "repair now", "now": "repair"}
+    now |= {"parameters": {"at": 0.5, "order": 0.0}}
+    now["cost"]["value"] = 73600.0
+    plan["options"] += [other, now]
     return plan
 
 

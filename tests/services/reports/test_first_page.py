@@ -1,5 +1,6 @@
 """Every kind of report has the same first page, in both languages, on paper and on a phone."""
 
+import copy
 import dataclasses
 import html
 import json
@@ -7,6 +8,7 @@ import re
 import shutil
 import subprocess
 
+import numpy as np
 import pytest
 
 from slowtime.dynamics.description import Description, Node, Spring
@@ -25,8 +27,10 @@ from slowtime_services.reports import (
 from slowtime_services.reports.first_page import Confidence, first_page, made_on
 from slowtime_services.reports.kinds.mode_doubts import doubts_of
 from slowtime_services.reports.kinds.modes import Compared, modes_page
-from slowtime_services.reports.kinds.plan import _amount, plan_page
-from slowtime_services.reports.kinds.state import state_page
+from slowtime_services.reports.kinds.plan import plan_page, write_plan_report
+from slowtime_services.reports.kinds.plan_details import plan_sections
+from slowtime_services.reports.kinds.plan_options import amount_text
+from slowtime_services.reports.kinds.state import Reference, state_page, write_state_report
 from slowtime_services.reports.words import FOLDER
 from tests.services.reports.reports_of_each_kind import (
     CHANNELS,
@@ -61,12 +65,18 @@ SAYS = {
                      "Letzter sicherer Tag, eine Reparatur zu bestellen: 2028-12-28 "
                      "(in 2,1 Jahren).", "61.200 EUR", "0,5 Jahren"],
     ("state", "en"): ["Has lab.beam changed, and by how much?",
-                      "The stiffness has fallen by 25.0 ± 1.0 % since as built.",
+                      "At 40 d the natural frequency has fallen by 13.40 ± 0.58 %",
+                      "unchanged, the stiffness has fallen by 25.0 ± 1.0 %.",
                       "a change of mass by 33.3 ± 1.8 % instead", "3 (The reference is"],
     ("state", "de"): ["Hat sich lab.beam geändert, und um wie viel?",
-                      "Die Steifigkeit ist seit dem Bau um 25,0 ± 1,0 % gesunken.",
+                      "Bei 40 d ist die Eigenfrequenz gegenüber dem Bezug der Anmeldung "
+                      "um 13,40 ± 0,58 % gesunken.",
+                      "ist die Steifigkeit um 25,0 ± 1,0 % gesunken.",
                       "eine Änderung der Masse um 33,3 ± 1,8 %"],
 }  # fmt: skip
+
+TRANSLATED = ("plan", "state")
+"""Kinds whose details are in the language of the page."""
 
 EACH = [(kind, language) for kind in WRITERS for language in LANGUAGES]
 
@@ -112,7 +122,10 @@ def test_headings_of_details_are_of_the_same_language(tmp_path, kind):
     for heading in re.findall(r"<h2([^>]*)>", body):
         assert "lang" not in heading
     # Sentences that stay English are marked, for readers and for their machines.
-    assert not re.findall(r"<p>", body)
+    if kind in TRANSLATED:
+        assert 'lang="en"' not in body
+    else:
+        assert not re.findall(r"<p>", body)
     english = set(json.loads((FOLDER / "de.json").read_text())["headings"])
     cells = [html.unescape(cell) for cell in re.findall(r'<th scope="col">([^<]*)</th>', body)]
     same = {"option", "5 %", "95 %", "p-value", "beta [1]", "P_f [1]", "parameters"}
@@ -144,7 +157,7 @@ def test_a_change_that_is_not_certain_is_not_called_one():
     for loss, sd, level, said in (
         (0.25, 0.01, "high", "has fallen by 25.0 ± 1.0 %"),
         (0.01, 0.02, "high", "shows no change: −1.0 ± 2.0 %"),
-        (0.03, 0.02, "medium", "No change of the stiffness is certain: −3.0 ± 2.0 %"),
+        (0.03, 0.02, "medium", "no change of the stiffness is certain: −3.0 ± 2.0 %"),
     ):
         page = state_page("b", states(loss, sd), "stiffness", Words("en"))
         assert page.confidence.level == level
@@ -159,7 +172,9 @@ def test_what_a_frequency_knows_is_said_where_its_parts_are_not_known():
     told = states(0.1, 0.09)
     told[-1] |= {"mass_change": {"value": 0.1, "sd": 0.11}, "correlation": 0.9999}
     page = state_page("b", told, "both", Words("en"))
-    assert page.answer.startswith("The ratio of stiffness to mass has fallen by 18.18 ±")
+    assert page.answer.startswith(
+        "At 40 d the ratio of stiffness to mass has fallen by 18.18 ±"
+    )
     assert page.confidence.level == "high"
     assert any("tell stiffness from mass" in action for action in page.actions)
     assert [one.name for one in page.alternatives][:2] == [
@@ -167,7 +182,61 @@ def test_what_a_frequency_knows_is_said_where_its_parts_are_not_known():
         "a change of mass by 22.22 ± 0.17 % instead",
     ]
     told[-1] |= {"correlation": 0.0}
-    assert "ratio" not in state_page("b", told, "both", Words("en")).answer
+    assert "ratio of stiffness" not in state_page("b", told, "both", Words("en")).answer
+
+
+def stepped(size):
+    """Epochs of a frequency of 3 ± 0.01 Hz that steps after epoch 24."""
+    rng = np.random.default_rng(1)
+    told = states(0.0)
+    for k, one in enumerate(told):
+        hz = 3.0 * (1.0 + size * (k > 24)) + 0.01 * rng.standard_normal()
+        one |= {"frequency_hz": {"value": hz, "sd": 0.01}}
+    return told
+
+
+def test_a_step_of_the_history_is_told_with_its_instant():
+    page = state_page("b", stepped(-0.1), "stiffness", Words("en"))
+    assert "Step: between 24 d and 25 d the frequency fell by about" in page.definition
+    size = float(re.findall(r"fell by about ([\d.]+) %", page.definition)[0])
+    assert size == pytest.approx(10.0, abs=0.5)
+    assert page.actions[0].startswith("Find out first what happened at the step")
+    assert "Step" not in state_page("b", stepped(0.0), "stiffness", Words("en")).definition
+    # An even decline is no step.
+    assert "Step" not in state_page("b", states(0.25), "stiffness", Words("en")).definition
+
+
+def test_a_state_is_counted_from_the_reference_that_there_is():
+    told = states()
+    for one in told:
+        one |= {"slow_time_unit": None, "t_ns": 0}
+    learnt = state_page("b", told, "stiffness", Words("en"), reference=Reference(None, 20))
+    assert "At 40 time units the natural frequency" in learnt.answer
+    assert "% since the first 20 epochs." in learnt.answer
+    assert "Slow time has no unit in this file." in learnt.definition
+    given = state_page("b", told, "stiffness", Words("de"), reference=Reference(4.0))
+    assert "gegenüber den gegebenen 4 Hz" in given.answer
+    for page in (learnt, given):
+        assert not re.search("as built|seit dem Bau", page.answer + page.definition)
+
+
+def test_a_german_state_is_german_to_its_last_row(tmp_path):
+    told, path = states() * 2, tmp_path / "state.html"
+    learning = (
+        "The nominal model is still being learnt from the first epochs. Wait, or give the "
+        "nominal frequency and damping ratio in the twin's registration."
+    )
+    told = [one | {"slow_time": float(k)} for k, one in enumerate(told)]
+    told[0] |= {"reasons": [learning]}
+    told = [one | {"reasons": one["reasons"] and [learning]} for one in told]
+    write_state_report(path, "b.csv", told, "stiffness", language="de")
+    body = path.read_text(encoding="utf-8").partition("</header>")[2].partition("<script")[0]
+    text = html.unescape(re.sub(r"<[^>]+>", " ", body))
+    assert not re.search(r"\b(the|is|yes|no|Wait|slow|valid|shown)\b", text)
+    assert "Der Bezug wird noch aus den ersten Epochen gelernt." in text
+    assert "41 von 82 Epochen sind gezeigt" in text
+    assert re.findall(r"<tr><td[^>]*>([^<]*)<", body)[-1] == "81"
+    assert "25,0 ± 1,0" in text
 
 
 def test_a_plan_whose_last_safe_day_has_passed_says_so_first():
@@ -175,10 +244,85 @@ def test_a_plan_whose_last_safe_day_has_passed_says_so_first():
     plan["action"] = "repair"
     plan["last_order"] |= {"status": "passed", "order": None}
     page = plan_page(plan, Words("en"))
-    assert page.answer.startswith("Order the repair now. The last safe day to order a repair")
+    assert page.answer.startswith("Order the repair now. The last safe time to order a repair")
     assert any(action.startswith("Order now: done 2027-05-22") for action in page.actions)
     refused = plan_page(plan | {"options": [], "sentence": "Too few."}, Words("de"))
     assert refused.answer == "Es gibt keinen Plan: Too few."
+
+
+def test_a_plan_tells_the_present_state_and_how_near_the_limit_is():
+    plan = plan_answer()
+    plan["last_order"]["now_probability"] = 0.031
+    told = plan_page(plan, Words("en")).definition
+    assert told.startswith(
+        "At the last reading (812.5 d, 2026-11-21 04:00 UTC) the stiffness was down by "
+        "18.7 ± 1.2 %; limit −30 %. Failure within the 0.5 years that a repair takes if "
+        "ordered now: 3.1 %."
+    )
+    german = plan_page(plan, Words("de")).definition
+    assert "die Steifigkeit um 18,7 ± 1,2 % gesunken; Grenze −30 %." in german
+    assert "Die Steifigkeit sinkt um mehr als 30 %." in german
+    assert "unit" not in told
+    bare = plan | {"time_unit": "slow_time", "slow_time_unit": None, "seconds": None}
+    assert "slow time has no unit in this file." in plan_page(bare, Words("en")).definition
+
+
+def test_a_last_safe_day_before_the_report_says_to_read_again_first(monkeypatch):
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1800000000")  # 2027-01-15
+    page = plan_page(plan_answer(), Words("en"))
+    assert "has passed" not in page.answer
+    assert any("into the calendar: 2028-12-28" in action for action in page.actions)
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1900000000")  # 2030-03-17
+    page = plan_page(plan_answer(), Words("en"))
+    assert "(in 2.1 years). That time has passed: read again first." in page.answer
+    assert page.actions[0].startswith("Read again")
+    assert not any("calendar" in action for action in page.actions)
+
+
+def test_readings_of_a_plan_end_in_an_order_where_they_decide_nothing():
+    plan = plan_answer()
+    plan["options"][0] |= {"name": "read_on", "parameters": {"at": 1.5}}
+    actions = plan_page(plan, Words("en")).actions
+    said = (
+        "Follow the plan: read for 1.5 years at most. If it is still undecided then, order the "
+        "repair."
+    )
+    assert said in actions
+    assert not any("calendar" in action for action in actions)
+    undecided = plan_page(plan | {"decided": False, "action": "undecided"}, Words("en"))
+    assert any(
+        action.startswith("Until it is decided: read for 1.5 years at most; if it is still")
+        for action in undecided.actions
+    )
+    plan["last_order"] |= {"status": "beyond", "order": None}
+    assert said not in plan_page(plan, Words("en")).actions
+
+
+def test_fixed_dates_that_do_not_pay_stand_beside_the_trigger_that_does():
+    plan = plan_answer()
+    nothing = copy.deepcopy(plan["options"][0]) | {"name": "nothing", "words": "run to failure"}
+    nothing["cost"]["value"] = 70000.0
+    plan["options"].append(nothing)
+    plan["last_order"] |= {"status": "beyond", "order": None, "limit": None}
+    told = " ".join(next(iter(plan_sections(plan, Words("en")))).words)
+    assert "than running to failure (70,000 EUR). “order a repair once the estimate" in told
+    assert "” does (61,200 EUR)." in told
+    plan["options"].reverse()
+    told = " ".join(next(iter(plan_sections(plan, Words("de")))).words)
+    assert "als der Betrieb bis zum Versagen." in told
+
+
+def test_a_german_plan_has_no_english_sentence_or_number_in_its_details(tmp_path):
+    plan, path = plan_answer(), tmp_path / "plan.html"
+    plan["options"][1]["parameters"] = {"age": 3.0}  # else it is of a new kind, in English
+    write_plan_report(path, plan, language="de")
+    page = path.read_text(encoding="utf-8")
+    body = page.partition("</header>")[2].partition("<script")[0]
+    text = html.unescape(re.sub(r"<[^>]+>", " ", body))
+    assert not re.search(r"\b(the|of|is|and|wait|repair|within|cost|years)\b", text)
+    assert text.count("900.000") == 2  # in a reason, and in the table of costs
+    assert "900000" not in text
+    assert not re.search(r"[1-9],\d{3}\b", text)
 
 
 @pytest.mark.parametrize(("p", "level"), [(0.99, "high"), (0.8, "medium"), (0.3, "low")])
@@ -327,5 +471,5 @@ def test_a_report_decides_whether_a_model_is_kept(model_hz, sd, similarity, said
 
 
 def test_small_costs_are_written_and_rounding_is_not():
-    assert [_amount(x, 39_000.0) for x in (38_953.7, -4.4e-11)] == ["39,000", "0"]
-    assert [_amount(x, 0.02) for x in (0.004, 0.0123)] == ["0.004", "0.0123"]
+    assert [amount_text(x, 39_000.0, Words()) for x in (38_953.7, -4.4e-11)] == ["39,000", "0"]
+    assert [amount_text(x, 0.02, Words()) for x in (0.004, 0.0123)] == ["0.004", "0.0123"]

@@ -169,3 +169,17 @@ def test_a_last_safe_day_that_has_passed_says_what_ordering_now_would_do():
     assert told.startswith("The last safe day to order a repair was ")
     assert "Ordered now, it is done in 3 years" in told
     assert plan.startswith("Order ")
+
+
+def test_a_repair_at_a_trigger_that_pays_is_told_beside_fixed_dates_that_do_not():
+    """A few futures fail, and readings tell which: no date serves all, a threshold does."""
+    rates = np.where(np.arange(400) % 50 == 0, 0.16, 0.0)[:, None]
+    new = from_paths(TIME, np.zeros((2, len(TIME))))
+    futures = from_paths(TIME, 0.2 + rates * TIME, renewed=lambda _: new)
+    costs = Costs(failure=Cost(20.0), repair=Cost(2.0))
+    told = last_order_sentence(make_plan(futures, costs, Terms()), WHEN)
+    assert "no repair on a fixed date costs less than running to failure; “repair once" in told
+    assert told.endswith("” does.")
+    dear = Costs(failure=Cost(2.0), repair=Cost(2.0))
+    told = last_order_sentence(make_plan(futures, dear, Terms()), WHEN)
+    assert told.endswith("costs less than running to failure.")

@@ -2,6 +2,7 @@
 
 import dataclasses
 import datetime
+import math
 from typing import Any
 
 import numpy as np
@@ -65,6 +66,7 @@ def answer_of_plan(twin_id: str, order: PlanOrder, made: Planned) -> dict[str, A
             "toward": "above" if failure.below is None else "below",
             "already": float(plan.failure_probability[0]),
             "within": float(plan.failure_probability[-1]),
+            "estimate": _present(plan, failure.at),
         },
         "action": plan.best.now if ranking.is_known else "undecided",
         "decided": ranking.is_known,
@@ -122,6 +124,13 @@ def refusal_of(twin_id: str, reason: str, name: str = "") -> dict[str, Any]:
     nothing["difference"] = None
     told = {"decided": False, "sentence": reason, "valid": False, "reasons": [reason]}
     return {"id": twin_id, "name": name, **nothing, **empty, **told}
+
+
+def _present(plan: Plan, limit: float) -> dict[str, float]:
+    """Estimate the quantity that fails at the last reading, from where its futures begin."""
+    now, weights = plan.futures.damage[:, 0] * limit, plan.futures.weights
+    mean = float(weights @ now)
+    return {"value": mean, "sd": math.sqrt(float(weights @ (now - mean) ** 2))}
 
 
 def _costs(table: CostTable) -> dict[str, Any]:

@@ -22,6 +22,9 @@ UNITS = {"slow_time": "", "s": "s", "h": "h", "d": "days", "month": "months", "y
 CHANGES_SHOWN = 3
 """Costs that are named, by whose change the plan would be another."""
 
+TRIGGERED = ("estimate_threshold", "probability_threshold", "periodic_inspection")
+"""Options that repair once something has been read or found, on no fixed date."""
+
 FAR = 20.0
 """Break-even costs beyond so many times the given cost, or below its inverse, are not told."""
 
@@ -189,7 +192,7 @@ def last_order_sentence(plan: Plan, when: TimeWording) -> str:
     chance = probability_in_words(last.probability)
     if last.limit is None:
         limit = "An order after it costs more, by the costs that are registered."
-        none = "no planned repair costs less than to run to failure"
+        none = f"no repair on a fixed date costs less than running to failure{_but(plan, when)}"
     else:
         limit = f"The accepted probability is {probability_in_words(last.limit)}."
         none = f"the accepted probability is {probability_in_words(last.limit)}"
@@ -211,6 +214,14 @@ def last_order_sentence(plan: Plan, when: TimeWording) -> str:
         f"{when.moment(last.order)}{spread}{done}. A failure before the repair takes effect "
         f"then has the probability {chance}. {limit}"
     )
+
+
+def _but(plan: Plan, when: TimeWording) -> str:
+    """Name the cheapest repair that waits for a trigger, where it beats running to failure."""
+    ranked = [option.name for option in plan.options]
+    until = ranked.index("nothing") if "nothing" in ranked else 0
+    triggered = [option for option in plan.options[:until] if option.name in TRIGGERED]
+    return f"; “{option_words(triggered[0], when)}” does" if triggered else ""
 
 
 def _passed(plan: Plan, when: TimeWording) -> str:

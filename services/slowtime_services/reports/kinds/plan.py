@@ -1,5 +1,6 @@
 """The report on a maintenance plan, made of the answer of `GET /twins/{id}/plan`."""
 
+import datetime
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -8,12 +9,22 @@ from slowtime_services.reports.first_page import (
     Alternative,
     Confidence,
     FirstPage,
+    made_at,
     subject_of,
 )
-from slowtime_services.reports.page import Chart, Section, Table, write_page
+from slowtime_services.reports.page import Chart, write_page
 from slowtime_services.reports.words import Words
 
-from .plan_options import option_words, unit_of
+from .plan_details import PER_TIME, observation_name, plan_sections
+from .plan_options import (
+    has_no_unit,
+    last_words,
+    moment_of,
+    money_of,
+    option_words,
+    span_of,
+    unit_of,
+)
 
 Answer = Mapping[str, Any]
 
@@ -40,12 +51,6 @@ OFFLINE = "offline.record"
 MOST_BESIDE = 3
 """Options beside the answer [1]; the table below has all."""
 
-HOUR_S = 3600.0
-"""Seconds of a unit of time above which instants are told by date [s], as the page does."""
-
-ROUNDING = 1e-9
-"""Share of the largest cost [1] below which an amount is written as 0: what sums round off."""
-
 COLOURS = ("#0b6fb8", "#b3541e", "#2f8f5b", "#7a5ba6")
 
 
@@ -65,8 +70,8 @@ def write_plan_report(
     first = plan_page(plan, words, structure=structure, source=source)
     picture = _picture(plan, words) if plan["options"] else None
     write_page(
-        path, f"{words('kind.plan')}: {first.subject}", first.answer, list(_sections(plan)),
-        first=first, picture=picture, language=language,
+        path, f"{words('kind.plan')}: {first.subject}", first.answer,
+        list(plan_sections(plan, words)), first=first, picture=picture, language=language,
     )  # fmt: skip
 
 
@@ -108,47 +113,56 @@ def _measured(plan: Answer, words: Words) -> str:
 
 
 def _definition(plan: Answer, words: Words) -> str:
-    """Write what counts as a failure, and how probable it is without a repair."""
-    failure = plan["failure"]
-    return (
+    """Write the present state, what counts as a failure, and how probable and near it is."""
+    failure, last = plan["failure"], plan["last_order"]
+    quantity = _quantity(failure["quantity"], words)
+    said = []
+    now = failure.get("estimate")
+    if now is not None:
+        size, sd = words.measured(100.0 * abs(now["value"]), 100.0 * now["sd"])
+        said.append(
+            words(
+                "plan.present_down" if now["value"] < 0 else "plan.present_up",
+                instant=_last_reading(plan, words), quantity=quantity, size=size, sd=sd,
+                limit=words.percent(failure["threshold"]),
+            )
+        )  # fmt: skip
+    if last["lead_time"] > 0 and last["now_effect"] is not None:
+        chance = words.probability(last["now_probability"])
+        span = span_of(plan, last["now_effect"]["ahead"], words)
+        said.append(words("plan.in_lead", span=span, p=chance))
+    said.append(
         words(
             f"plan.failure_{failure['toward']}",
-            quantity=_quantity(failure["quantity"], words),
-            limit=words.percent(failure["threshold"]),
+            quantity=quantity,
+            limit=words.percent(abs(failure["threshold"])),
             now=words.probability(failure["already"]),
             within=words.probability(failure["within"]),
-            horizon=_span(plan, plan["horizon"]["ahead"], words),
+            horizon=span_of(plan, plan["horizon"]["ahead"], words),
         )
-        + f" {words('plan.counted')}"
     )
+    said.append(words("plan.counted_bare" if has_no_unit(plan) else "plan.counted"))
+    return " ".join(said)
+
+
+def _last_reading(plan: Answer, words: Words) -> str:
+    """Write the instant of the last reading, in slow time and by the calendar if known."""
+    own = unit_of({**plan, "time_unit": "slow_time"}, words)
+    since, told = f"{words.number(plan['since'], 6)} {own}", plan["times"][0]["t"]
+    return f"{since}, {told[:16].replace('T', ' ')} UTC" if told else since
+
+
+def _is_gone(plan: Answer) -> bool:
+    """Whether the last safe order lies before the instant of the report."""
+    order = plan["last_order"]["order"]
+    if plan["last_order"]["status"] != "due" or order is None or order["t"] is None:
+        return False
+    return datetime.datetime.fromisoformat(order["t"]) < made_at()
 
 
 def _quantity(name: str, words: Words) -> str:
     known = {"stiffness_change": "plan.stiffness", "mass_change": "plan.mass"}
     return words(known[name]) if name in known else name.replace("_", " ")
-
-
-def _span(plan: Answer, time: float, words: Words) -> str:
-    return f"{words.number(time)} {unit_of(plan, words)}"
-
-
-def _is_dated(plan: Answer) -> bool:
-    return plan["seconds"] is not None and plan["seconds"] > HOUR_S
-
-
-def _moment(plan: Answer, time: Answer, words: Words) -> str:
-    span = _span(plan, time["ahead"], words)
-    if time["t"] is None or not _is_dated(plan):
-        return words("plan.ahead", span=span)
-    return words("plan.dated", date=time["t"][:10], span=span)
-
-
-def _money(plan: Answer, amount: float, words: Words) -> str:
-    rounded = float(f"{amount:.3g}")
-    text = words.number(rounded) if abs(rounded) < 1000 else f"{rounded:,.0f}"
-    if abs(rounded) >= 1000:
-        text = text.replace(",", "." if words.language == "de" else ",").replace("-", "−")
-    return f"{text} {plan['currency']}"
 
 
 def _answer(plan: Answer, words: Words) -> str:
@@ -161,11 +175,14 @@ def _answer(plan: Answer, words: Words) -> str:
     compared = ["", ""] if apart is None else _compared(plan, words)
     said = [words(f"plan.act.{act}", best=compared[0], other=compared[1])]
     if last["status"] == "due":
-        said.append(words("plan.due", when=_moment(plan, last["order"], words)))
+        when = moment_of(plan, last["order"], words)
+        said.append(words("plan.due", last=last_words(plan, words), when=when))
+        if _is_gone(plan):
+            said.append(words("plan.gone"))
     else:
         said.append(words(f"plan.{last['status']}"))
-    horizon = _span(plan, plan["horizon"]["ahead"], words)
-    cost = _money(plan, best["cost"]["value"], words)
+    horizon = span_of(plan, plan["horizon"]["ahead"], words)
+    cost = money_of(plan, best["cost"]["value"], words)
     if act != "undecided":
         said.append(words("plan.cost", cost=cost, horizon=horizon))
     return " ".join(said)
@@ -184,9 +201,10 @@ def _confidence(plan: Answer, words: Words) -> Confidence:
     apart = plan["difference"]
     if apart is None:
         return Confidence("high", words("plan.alone"))
-    value, lo, hi = (_money(plan, apart[name], words) for name in ("value", "lo", "hi"))
+    value, lo, hi = (money_of(plan, apart[name], words) for name in ("value", "lo", "hi"))
     other = _compared(plan, words)[1]
-    told = words("plan.confidence", other=other, value=value, lo=lo, hi=hi)
+    key = "plan.confidence_exact" if value == lo == hi else "plan.confidence"
+    told = words(key, other=other, value=value, lo=lo, hi=hi)
     level = "high" if apart["lo"] > 0 else "medium" if plan["decided"] else "low"
     return Confidence(level, told)  # type: ignore[arg-type]
 
@@ -203,44 +221,53 @@ def _alternatives(plan: Answer, words: Words) -> Iterator[Alternative]:
     # The option that does something else now comes first: it is what is to be decided.
     beside.sort(key=lambda option: option["words"] != other)
     for option in beside[:MOST_BESIDE]:
-        cost = _money(plan, option["cost"]["value"], words)
+        cost = money_of(plan, option["cost"]["value"], words)
         name = option_words(option, plan, words)
         yield Alternative(name, words("plan.expected", cost=cost))
 
 
 def _actions(plan: Answer, words: Words) -> Iterator[str]:
-    last = plan["last_order"]
-    if plan["decided"]:
+    last, best_option = plan["last_order"], plan["options"][0]
+    gone = _is_gone(plan)
+    if gone:
+        yield words("plan.do_read_again")
+    in_time = last["status"] == "due" and best_option["name"] == "read_on"
+    if plan["decided"] and in_time:
+        at = span_of(plan, best_option["parameters"]["at"], words)
+        yield words("plan.do_read_on", at=at)
+    elif plan["decided"]:
         yield words("plan.do_option", name=option_words(plan["options"][0], plan, words))
+    elif plan["difference"] is not None and in_time:
+        at = span_of(plan, best_option["parameters"]["at"], words)
+        value = money_of(plan, plan["difference"]["value"], words)
+        yield words("plan.do_read_most", at=at, value=value)
     elif plan["difference"] is not None:
         best = _compared(plan, words)[0]
         yield words(
             "plan.do_undecided",
             best=best,
-            cost=_money(plan, plan["options"][0]["cost"]["value"], words),
-            horizon=_span(plan, plan["horizon"]["ahead"], words),
-            value=_money(plan, plan["difference"]["value"], words),
+            cost=money_of(plan, plan["options"][0]["cost"]["value"], words),
+            horizon=span_of(plan, plan["horizon"]["ahead"], words),
+            value=money_of(plan, plan["difference"]["value"], words),
         )
-    if last["status"] == "due":
-        yield words("plan.do_order", when=_moment(plan, last["order"], words))
+    if last["status"] == "due" and not gone and not in_time:
+        yield words("plan.do_order", when=moment_of(plan, last["order"], words))
     if plan["action"] == "repair" and last["now_effect"] is not None:
-        when = _moment(plan, last["now_effect"], words)
+        when = moment_of(plan, last["now_effect"], words)
         yield words("plan.do_now", when=when, p=words.percent(last["now_probability"], 2))
     first = plan["information"][0] if plan["information"] else None
     if first is not None and first["net"] > 0 and first["cost"] > 0:
-        net = _money(plan, first["net"], words)
-        yield words("plan.do_inform", name=first["name"], net=net)
-    yield words("plan.do_again")
+        net = money_of(plan, first["net"], words)
+        yield words("plan.do_inform", name=observation_name(first, words), net=net)
+    if plan["action"] != "close" and not gone:
+        yield words("plan.do_again")
 
 
 def _facts(plan: Answer, words: Words) -> Iterator[tuple[str, str]]:
     last = plan["last_order"]
-    own = unit_of({**plan, "time_unit": "slow_time"}, words)
-    since = f"{words.number(plan['since'], 6)} {own}"
-    told = plan["times"][0]["t"]
-    yield words("facts.since"), f"{since} ({told[:10]})" if told and _is_dated(plan) else since
-    yield words("facts.horizon"), _span(plan, plan["horizon"]["ahead"], words)
-    yield words("facts.lead"), _span(plan, last["lead_time"], words)
+    yield words("facts.since"), _last_reading(plan, words)
+    yield words("facts.horizon"), span_of(plan, plan["horizon"]["ahead"], words)
+    yield words("facts.lead"), span_of(plan, last["lead_time"], words)
     if plan["months"]:
         yield words("facts.months"), ", ".join(str(month) for month in plan["months"])
     yield words("facts.costs"), "; ".join(_costs(plan, words))
@@ -248,25 +275,21 @@ def _facts(plan: Answer, words: Words) -> Iterator[tuple[str, str]]:
         yield words("facts.accepted"), words.percent(last["limit"])
 
 
-PER_TIME = ("downtime", "closed")
-"""Costs per unit of time; the others are paid once each."""
-
-
 def _costs(plan: Answer, words: Words) -> Iterator[str]:
     """Write what failure, actions and inspections cost, each that costs something."""
     for name, one in plan["costs"].items():
         if not isinstance(one, Mapping) or (one["mean"] == 0 and name not in ALWAYS_TOLD):
             continue
-        amount = _money(plan, one["mean"], words)
+        amount = money_of(plan, one["mean"], words)
         if one["sd"] > 0:
             amount = amount.replace(
-                f" {plan['currency']}", f" ± {_money(plan, one['sd'], words)}"
+                f" {plan['currency']}", f" ± {money_of(plan, one['sd'], words)}"
             )
         per = words(f"plan.per.{plan['time_unit']}") if name in PER_TIME else ""
         yield f"{words(f'plan.item.{name}')} {amount} {per}".rstrip()
     for one in plan["information"]:
         if one["cost"] > 0 and one["kind"] == "readings":
-            yield f"{one['name']} {_money(plan, one['cost'], words)}"
+            yield f"{observation_name(one, words)} {money_of(plan, one['cost'], words)}"
 
 
 def _picture(plan: Answer, words: Words) -> Chart:
@@ -291,84 +314,3 @@ def _picture(plan: Answer, words: Words) -> Chart:
     )
     told = words("plan.picture", currency=plan["currency"])
     return Chart(traces, layout, f"{told} {named}.")
-
-
-def _amount(amount: float, largest: float) -> str:
-    """Write an amount of a table in three digits; what sums round off is nothing."""
-    rounded = 0.0 if abs(amount) < ROUNDING * largest else float(f"{amount:.3g}")
-    return f"{rounded:,.0f}" if abs(rounded) >= 1000 else f"{rounded:.3g}"
-
-
-def _cost_table(plan: Answer) -> Table:
-    """List every cost and time that the plan counts."""
-    costs, english = plan["costs"], Words()
-    unit, per = unit_of(plan, english), english(f"plan.per.{plan['time_unit']}")
-    rows = []
-    for name, one in costs.items():
-        title = english(f"plan.item.{name}")
-        if one is None:
-            rows.append((title, "–", "", "not on offer"))
-        elif isinstance(one, Mapping):
-            each = f"{plan['currency']} {per}" if name in PER_TIME else plan["currency"]
-            rows.append((title, f"{one['mean']:,.6g}", f"{one['sd']:,.6g}", each))
-        elif name == "discount_rate":
-            rows.append((title, f"{100 * one:.3g}", "", f"% {per}"))
-        else:
-            rows.append((title, f"{one:.4g}", "", unit))
-    lead = plan["last_order"]["lead_time"]
-    rows.append(("from the order of a repair to its effect", f"{lead:.4g}", "", unit))
-    months = ", ".join(map(str, plan["months"])) or "every"
-    rows.append(("months in which a repair can take effect", months, "", "month of the year"))
-    rows += [
-        (f"observation: {one['name']}", f"{one['cost']:,.6g}", "", plan["currency"])
-        for one in plan["information"]
-    ]
-    heads = ("item", "value", "standard deviation", "unit")
-    return Table(heads, rows, "As the owner registered them.")
-
-
-def _sections(plan: Answer) -> Iterator[Section]:
-    told = [plan["sentence"]]
-    if plan["last_order"] is not None:
-        told.append(plan["last_order"]["sentence"])
-    yield Section("Reasons", [*told, *plan["changes"]])
-    if not plan["options"]:
-        return
-    largest = max(abs(option["cost"]["hi"]) for option in plan["options"])
-    rows = [
-        (
-            option["words"], option["now"],
-            *(_amount(option["cost"][part], largest) for part in ("value", "lo", "hi")),
-            f"{option['failures']:.2g}",
-        )
-        for option in plan["options"]
-    ]  # fmt: skip
-    heads = (
-        "option",
-        "now",
-        "expected cost",
-        "9 of 10 futures: from",
-        "to",
-        "expected failures",
-    )
-    caption = (
-        f"Costs in {plan['currency']} until the horizon. 9 of 10 futures cost between the two "
-        "amounts, 1 of 20 less and 1 of 20 more."
-    )
-    yield Section("Options", (), [Table(heads, rows, caption)])
-    yield Section("Costs and times used", (), [_cost_table(plan)])
-    worths = [
-        (
-            one["words"], *(_amount(one[part], largest) for part in ("value", "net")),
-            f"{one['changes']:.2g}",
-        )
-        for one in plan["information"]
-    ]  # fmt: skip
-    if worths:
-        names = ("observation", "value", "net value", "changes the action")
-        caption = (
-            f"Value and net value in {plan['currency']}: by how much the expected cost falls, "
-            "before and after the cost of the observation. The last column is the probability "
-            "that it changes the action."
-        )
-        yield Section("Observations on offer", (), [Table(names, worths, caption)])

@@ -1,14 +1,16 @@
-"""The report on the state of a twin: what has changed since as built, of its epochs."""
+"""The report on the state of a twin: what has changed against its reference, of its epochs."""
 
 import collections
 import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
 from scipy.special import ndtr
 
+from slowtime.evolution.events.change_detection import candidate_jump_times
 from slowtime_services.reports.first_page import (
     LIKELY,
     SURE,
@@ -76,7 +78,7 @@ def write_state_report(
     first = state_page(name, states, changes, words, structure=structure, reference=reference)
     write_page(
         path, f"{words('kind.state')}: {first.subject}", first.answer,
-        list(_sections(states, changes)), first=first,
+        list(_sections(states, changes, words)), first=first,
         picture=_picture(states, changes, words), language=language,
     )  # fmt: skip
 
@@ -103,14 +105,21 @@ def state_page(
     known = [one for one in told if math.isfinite(one[1])]
     sure = [chance for _, _, _, chance in known if chance >= SURE]
     ratio = _ratio(latest) if len(known) == 2 and not sure else None
-    answers = [_answer(*one, words) for one in told]
+    instant, since = _instant(latest, words), _since(reference, words)
+    answers = [_answer(*one, instant, since, words) for one in told]
+    if len(told) == 1 and sure:
+        answers = [
+            _answer("frequency", *_of_frequency(*told[0][:3]), instant, since, words),
+            _conditional(*told[0][:3], words),
+        ]
     if not latest["valid"]:
-        reason = "; ".join(latest["reasons"])
+        reason = "; ".join(map(words.reason, latest["reasons"]))
         confidence = Confidence("low", words("state.not_valid", reason=reason))
     elif sure or ratio is not None:
         chance = min(sure) if ratio is None else ratio[2]
         told_p = words.probability(chance)
-        confidence = Confidence(level_of(chance), words("state.confidence", p=told_p))
+        key = "state.confidence_frequency" if len(told) == 1 else "state.confidence"
+        confidence = Confidence(level_of(chance), words(key, p=told_p))
     elif any(chance >= LIKELY for _, _, _, chance in known):
         told_p = words.probability(max(chance for _, _, _, chance in known))
         confidence = Confidence("medium", words("state.confidence_same", p=told_p))
@@ -127,21 +136,101 @@ def state_page(
             for name, value, sd, _ in known
         }
         definition = f"{words('state.apart', **parts)} {definition}"
-        answers = [_answer("ratio", *ratio, words)]
+        answers = [_answer("ratio", *ratio, instant, since, words)]
+    steps = _steps(states)
+    said = [_step_words(one, states, words) for one in steps]
+    if (latest["slow_time_unit"] or "") in ("", "units"):
+        said.append(words("unit.unknown"))
     return FirstPage(
         kind="state",
         subject=subject,
         question=words("state.question", name=subject),
         measured=measured_on([(first_ns, long_s)], words),
-        definition=definition,
+        definition=" ".join([*said, definition]),
         answer=" ".join(answers),
         confidence=confidence,
-        actions=list(_actions(latest, words, changed=bool(sure), tied=ratio is not None)),
+        actions=[
+            *[words("state.do_step")] * bool(steps),
+            *_actions(latest, words, changed=bool(sure), tied=ratio is not None),
+        ],
         alternatives=list(
             _alternatives(latest, wanted, ratio, words, changed=bool(sure) or ratio is not None)
         ),
         facts=list(_facts(name, states, words)),
     )
+
+
+def _instant(state: State, words: Words) -> str:
+    """Write the instant of an epoch, in slow time and by the calendar if known."""
+    unit = _unit(state["slow_time_unit"] or "", words)
+    own = f"{words.number(state['slow_time'], 6)} {unit}"
+    date = measured_on([(state.get("t_ns"), None)], words)
+    return own if date == words("measured.unknown") else f"{own} ({date} UTC)"
+
+
+def _since(reference: Reference, words: Words) -> str:
+    """Name what changes are counted from, as part of a sentence."""
+    if reference.nominal_hz is not None:
+        return words("state.since_nominal", hz=words.number(reference.nominal_hz, 5))
+    if reference.learnt:
+        return words("state.since_learnt", n=reference.learnt)
+    return words("state.since_unknown")
+
+
+def _of_frequency(name: str, value: float, sd: float) -> tuple[float, float, float]:
+    """Change of the natural frequency that is read as one of stiffness or mass alone."""
+    power = 0.5 if name == "stiffness" else -0.5
+    change = (1.0 + value) ** power
+    return _certainty({"value": change - 1.0, "sd": 0.5 * change * sd / (1.0 + value)})
+
+
+def _conditional(name: str, value: float, sd: float, words: Words) -> str:
+    """Write a change that is one of stiffness, or mass, only if all else is as it was."""
+    size, around = words.measured(100 * abs(value), 100 * sd)
+    direction = "lost" if value < 0 else "gained"
+    return words(f"state.if_{name}_{direction}", size=size, sd=around)
+
+
+class Step(NamedTuple):
+    """A sudden change of the frequency: epochs before and after it, and its relative size."""
+
+    before: int
+    after: int
+    size: float
+
+
+BESIDE_STEP = 5
+"""Epochs on either side of a step whose means give its size [1], as many as the search for
+steps draws its lines through."""
+
+
+def _steps(states: Sequence[State]) -> list[Step]:
+    """Find sudden changes of the frequency between neighbouring epochs, in order."""
+    rows = [
+        k
+        for k, state in enumerate(states)
+        if state["frequency_hz"] is not None
+        and (k == 0 or state["slow_time"] > states[k - 1]["slow_time"])
+    ]
+    if not rows:
+        return []
+    time = np.array([states[k]["slow_time"] for k in rows], dtype=float)
+    of = [states[k]["frequency_hz"] for k in rows]
+    value, sd = (np.array([one[part] for one in of], dtype=float) for part in ("value", "sd"))
+    found = []
+    for at in sorted(candidate_jump_times(time, value, sd)):
+        place = int(np.searchsorted(time, at, side="right"))
+        before = value[max(place - BESIDE_STEP, 0) : place].mean()
+        after = value[place : place + BESIDE_STEP].mean()
+        found.append(Step(rows[place - 1], rows[place], float(after / before - 1.0)))
+    return found
+
+
+def _step_words(step: Step, states: Sequence[State], words: Words) -> str:
+    before, after = (_instant(states[k], words) for k in (step.before, step.after))
+    key = "state.step_down" if step.size < 0 else "state.step_up"
+    size = words.number(100 * abs(step.size), 2)
+    return words(key, before=before, after=after, size=size)
 
 
 def _reference(reference: Reference, words: Words) -> str:
@@ -176,8 +265,16 @@ def _ratio(latest: State) -> tuple[float, float, float] | None:
     return found if found[2] >= SURE else None
 
 
-def _answer(name: str, value: float, sd: float, chance: float, words: Words) -> str:
-    what = words(f"state.{name}")
+def _answer(
+    name: str,
+    value: float,
+    sd: float,
+    chance: float,
+    instant: str,
+    since: str,
+    words: Words,
+) -> str:
+    what = words(f"state.the_{name}")
     if not math.isfinite(value):
         return words("state.unknown", what=what)
     if chance < SURE:
@@ -185,12 +282,12 @@ def _answer(name: str, value: float, sd: float, chance: float, words: Words) -> 
     else:
         key, size = "lost" if value < 0 else "gained", abs(value)
     shown, around = words.measured(100 * size, 100 * sd)
-    return words(f"state.{key}", what=what, size=shown, sd=around)
+    return words(f"state.{key}", what=what, size=shown, sd=around, instant=instant, since=since)
 
 
 def _actions(latest: State, words: Words, *, changed: bool, tied: bool) -> Iterator[str]:
     for reason in latest["reasons"]:
-        yield words("state.do_reason", reason=reason)
+        yield words("state.do_reason", reason=words.reason(reason))
     yield words("state.do_inspect" if changed or tied else "state.do_wait")
     if changed or tied:
         yield words("state.do_plan")
@@ -236,7 +333,7 @@ def _facts(name: str, states: Sequence[State], words: Words) -> Iterator[tuple[s
         yield words(key), f"{words.number(state['slow_time'], 6)} {_unit(unit, words)}"
     yield words("facts.epochs"), str(len(states))
     count = sum(not state["valid"] for state in states)
-    reasons = "; ".join(reason for reason, _ in invalid.most_common(2))
+    reasons = "; ".join(words.reason(reason) for reason, _ in invalid.most_common(2))
     yield words("facts.invalid"), f"{count}{f' ({reasons})' if reasons else ''}"
 
 
@@ -274,33 +371,39 @@ def _picture(states: Sequence[State], changes: str, words: Words) -> Chart:
     return Chart(traces, layout, words("state.picture", what=what))
 
 
-def _sections(states: Sequence[State], changes: str) -> Iterator[Section]:
+def _sections(states: Sequence[State], changes: str, words: Words) -> Iterator[Section]:
+    """Yield the table of the epochs, in the language of `words`."""
     every = max(1, math.ceil(len(states) / ROWS))
     wanted = [f"{name}_change" for name in _wanted(changes)]
 
     def cell(estimate: State | None, factor: float) -> str:
         if estimate is None:
             return "–"
-        return f"{factor * estimate['value']:.4f} ± {factor * estimate['sd']:.4f}"
+        return " ± ".join(words.measured(factor * estimate["value"], factor * estimate["sd"]))
 
     rows = [
         (
-            f"{state['slow_time']:g}",
+            words.number(state["slow_time"], 6),
             cell(state["frequency_hz"], 1.0),
             *(cell(state[name], 100.0) for name in wanted),
-            "yes" if state["valid"] else "no",
+            words("yes" if state["valid"] else "no"),
         )
-        for state in states[::every]
+        # From the last on, which the first page is about.
+        for state in states[::-1][::every][::-1]
     ]
+    unit = _unit(states[-1]["slow_time_unit"] or "", words)
     heads = (
-        "slow time",
+        f"{words.heading('slow time') or 'slow time'} [{unit}]",
         "frequency [Hz]",
         *(f"{name.replace('_', ' ')} [%]" for name in wanted),
         "valid",
     )
-    caption = "± is one standard deviation."
+    caption = words("sd")
     if every > 1:
-        caption += f" One of {every} of {len(states)} epochs is shown."
+        caption += " " + words("state.some_shown", shown=len(rows), total=len(states))
     counts = collections.Counter(reason for state in states for reason in state["reasons"])
-    notes = [f"Not valid in {n} of {len(states)}: {why}" for why, n in counts.most_common()]
-    yield Section("Epochs", notes, [Table(heads, rows, caption)])
+    notes = [
+        words("state.not_valid_in", n=n, total=len(states), why=words.reason(why))
+        for why, n in counts.most_common()
+    ]
+    yield Section("Epochs", notes, [Table(heads, rows, caption)], translated=True)

@@ -11,6 +11,7 @@ from slowtime.decisions import (
     Cost,
     Costs,
     Ensemble,
+    EstimateError,
     Observation,
     Terms,
     from_paths,
@@ -189,7 +190,9 @@ def test_readings_that_come_anyway_are_awaited_where_they_tell_who_needs_a_repai
     rates = np.where(np.arange(400) % 2 == 0, 0.16, 0.0)[:, None]
     one = from_paths(TIME, 0.2 + rates * TIME, renewed=lambda _: new)
     more = Observation(name="readings", kind="readings", sd=0.005, count=12, every=1 / 12)
-    terms = Terms(access=Access(lead=1.0), observations=(more,))
+    # By an estimate without an error, a threshold would tell the futures apart as well.
+    error = EstimateError(0.2, 1.0)
+    terms = Terms(access=Access(lead=1.0), observations=(more,), error=error)
     costs = Costs(failure=Cost(20.0), repair=Cost(2.0))
     plan = make_plan(one, costs, terms)
     (option,) = (o for o in plan.options if o.name == "read_on")
@@ -198,6 +201,24 @@ def test_readings_that_come_anyway_are_awaited_where_they_tell_who_needs_a_repai
     assert option.parameters["at"] == pytest.approx(1.0)
     blind = make_plan(one, costs, dataclasses.replace(terms, observations=()))
     assert {o.name for o in blind.options} == {o.name for o in plan.options} - {"read_on"}
+
+
+def test_readings_end_by_the_last_order_and_are_no_option_where_they_save_nothing():
+    new = from_paths(TIME, np.zeros((2, len(TIME))))
+    rates = np.where(np.arange(400) % 2 == 0, 0.16, 0.0)[:, None]
+    one = from_paths(TIME, 0.2 + rates * TIME, renewed=lambda _: new)
+    late = Observation(name="readings", kind="readings", sd=0.005, count=60, every=1 / 12)
+    costs = Costs(failure=Cost(20.0), repair=Cost(2.0))
+    error = EstimateError(0.2, 1.0)
+    terms = Terms(access=Access(lead=1.0), observations=(late,), error=error)
+    plan = make_plan(one, costs, terms)
+    assert 1.0 < plan.last_order.order < 5.0
+    (option,) = (o for o in plan.options if o.name == "read_on")
+    assert option.parameters["at"] <= plan.last_order.order + 1e-9
+    assert option.parameters["at"] > plan.last_order.order - 0.2
+    # All futures are the same: readings tell nothing.
+    same = from_paths(TIME, 0.2 + np.full((400, 1), 0.16) * TIME, renewed=lambda _: new)
+    assert "read_on" not in {o.name for o in make_plan(same, costs, terms).options}
 
 
 def test_a_threshold_that_orders_in_every_future_that_is_left_orders_now():
