@@ -135,16 +135,7 @@ def _diagnose(
     how = SearchSettings(known, tell, options, stated, decays=decays)
 
     windows = (trials,) if decays else tuple(record_windows(trials, campaign.description))
-
-    def likely(
-        description: Description, pairs: Sequence[NodePair], most: int
-    ) -> Sequence[NodePair]:
-        tell("ranking pairs of points that no element joins", 0.06)
-        plant = Plant.of(with_offsets(description, known, decays=decays), kinds=known)
-        fit = fit_within_tolerances(plant, windows[0])
-        return pairs[:most] if fit is None else likely_pairs(fit, windows[0], pairs, most)
-
-    described = with_open_joints(campaign.description, likely)
+    described = _with_likely_joints(campaign.description, windows[0], how)
     campaign = dataclasses.replace(campaign, description=described)
     if reduced is None:
         campaign, found = _searched(campaign, windows, how)
@@ -163,6 +154,24 @@ def _diagnose(
         notes.append(QUICK)
     answer = dataclasses.replace(answer, notes=tuple(notes))
     return answer if reduced is None else enlarge(answer, reduced, trials[0], known)
+
+
+def _with_likely_joints(
+    description: Description, trials: tuple[Trial, ...], how: SearchSettings
+) -> Description:
+    """Join points that nothing joins: all pairs, or the likeliest of many."""
+
+    def likely(
+        description: Description, pairs: Sequence[NodePair], most: int
+    ) -> Sequence[NodePair]:
+        how.monitor("ranking pairs of points that no element joins", 0.06)
+        plant = Plant.of(
+            with_offsets(description, how.kinds, decays=how.decays), kinds=how.kinds
+        )
+        fit = fit_within_tolerances(plant, trials)
+        return pairs[:most] if fit is None else likely_pairs(fit, trials, pairs, most)
+
+    return with_open_joints(description, likely)
 
 
 def _searched(

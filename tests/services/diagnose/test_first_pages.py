@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from slowtime.discrepancy.diagnosis import Rival, Suspect
+from slowtime.discrepancy.diagnosis import Rival, Suspect, Verdict
 from slowtime.dynamics.effects import Place
 from slowtime_services.diagnose import document_of, write_report
 from slowtime_services.diagnose.constants import changes_of
@@ -71,7 +71,8 @@ def test_the_best_rival_is_named_however_far_behind():
 def test_a_faulty_sensor_has_no_force(tmp_path):
     found = told()
     when = dataclasses.replace(found.when, amplitude="The force acts at 14 m.")
-    for verdict, forces in (("missing_effect", True), ("sensor_fault", False)):
+    verdicts: dict[Verdict, bool] = {"missing_effect": True, "sensor_fault": False}
+    for verdict, forces in verdicts.items():
         one = dataclasses.replace(found, verdict=verdict, when=when)
         write_report(tmp_path / "r.html", one, document_of(one))
         page = (tmp_path / "r.html").read_text(encoding="utf-8")

@@ -20,6 +20,7 @@ from slowtime_services.reports import (
     FirstPage,
     Improvement,
     PrintingError,
+    Table,
     Words,
     level_of,
     pdf,
@@ -426,7 +427,9 @@ def test_a_mode_that_may_be_another_or_a_line_is_no_mode_without_reservations():
         "beside a machine’s line at 10 Hz",
     ]  # fmt: skip
     [lines] = line_sections(result)
-    assert [row[0] for row in lines.shown[0].rows] == ["10.0000 ± 0.0200"]
+    [shown] = lines.shown
+    assert isinstance(shown, Table)
+    assert [row[0] for row in shown.rows] == ["10.0000 ± 0.0200"]
     assert page.confidence.level == "low"
     assert page.confidence.number.startswith("1 of 4 modes are without reservations")
     assert {one.name: one.measure for one in page.alternatives} == {

@@ -175,6 +175,7 @@ def test_a_report_on_reliability_says_what_failure_means_and_of_which_time():
         "Failure means: the beam breaks (g ≤ 0). The probability is that of 50 years."
     )
     ratio = found[0].probability / 1e-3
+    assert found[0].interval is not None
     least = found[0].interval[0] / 1e-3
     assert full.answer.endswith(
         f"The probability is {ratio:.2g} times the accepted 0.001, and at least {least:.3g} "

@@ -30,6 +30,7 @@ FRAME = frame(4000.0)
 def rows_of_modes(page):
     """Count the rows of the table of modes of a report."""
     body = re.search(r"mistrust</th>.*?<tbody>(.*?)</tbody>", page, re.DOTALL)
+    assert body is not None
     return body[1].count("<tr>")
 
 
