@@ -23,7 +23,7 @@ from slowtime.discrepancy.noise import has_rigid_motion
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.discrepancy.workers import map_shared
 from slowtime.dynamics.description import Description, OpenJoint, moves_with_base
-from slowtime.dynamics.effects import Effect, Kind, Place, simple_kinds
+from slowtime.dynamics.effects import Effect, Kind, Place, is_of_beam, simple_kinds
 
 from .force_space import ForceSpace, ForceSpectra
 from .parameter_scan import best_effect, best_within_tolerances, effect_forces, gain_of
@@ -260,7 +260,7 @@ def is_applicable(kind: Kind, place: Place, description: Description) -> bool:
     Parameters per radian need angles; an open joint has nothing that could change, and two
     points that are joined already lack no spring.
     """
-    if kind.where != place.kind:
+    if kind.where != place.kind or is_of_beam(place, description):
         return False
     if kind.name == MISPLACED:
         return False  # see `wiring`

@@ -4,7 +4,7 @@ In come a kind of effect, its place and parameters; out come its force along a k
 the compiled laws that `slowtime.dynamics.plant` integrates. A kind of one's own is one `Kind`.
 """
 
-from .effect import Effect, Place, read_effects
+from .effect import Effect, Place, is_of_beam, read_effects
 from .effect_catalogue import catalogue, general_kinds, simple_kinds
 from .force_evaluation import force_along
 from .kind import (
@@ -36,6 +36,7 @@ __all__ = [
     "catalogue",
     "force_along",
     "general_kinds",
+    "is_of_beam",
     "read_effects",
     "simple_kinds",
 ]

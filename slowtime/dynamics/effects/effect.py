@@ -105,6 +105,25 @@ def _effect(
     return Effect(name, place, parameters)
 
 
+def is_of_beam(place: Place, description: Description) -> bool:
+    """Whether a place is an element or a node of beams, where no effect can sit.
+
+    Parameters
+    ----------
+    place
+        Where an effect would sit.
+    description
+        The structure; coordinates of a reduced one are nodes of beams.
+    """
+    if place.kind == "element":
+        return any(e.id == place.id and not isinstance(e, Spring) for e in description.elements)
+    # A beam's node that is kept from turning moves along one line, as a point does.
+    return place.kind == "node" and any(
+        n.id == place.id and n.kind == "beam" and n.held != ("rotation",)
+        for n in description.nodes
+    )
+
+
 def _place(description: Description, where: Path, entry: dict[str, Any], kind: Kind) -> Place:
     if kind.where == "base":
         return Place("base", str(entry.pop("base", BASE)))
@@ -125,10 +144,7 @@ def _place(description: Description, where: Path, entry: dict[str, Any], kind: K
             f"{kind.name}: no {kind.where} is called {name!r}. There are: "
             f"{', '.join(there) or 'none'}.",
         )
-    beams = {e.id for e in description.elements if not isinstance(e, Spring)}
-    # A beam's node that is kept from turning moves along one line, as a point does.
-    beams |= {n.id for n in description.nodes if n.kind == "beam" and n.held != ("rotation",)}
-    if kind.where in ("element", "node") and name in beams:
+    if is_of_beam(Place(kind.where, name), description):
         raise DescriptionError(
             (*where, kind.where),
             f"{kind.name}: {kind.where} {name!r} is of a beam. Effects sit on spring elements "

@@ -6,7 +6,11 @@ import pytest
 
 from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
-from slowtime.discrepancy.candidates.library_fit import library_candidates, mirrored_factor
+from slowtime.discrepancy.candidates.library_fit import (
+    is_applicable,
+    library_candidates,
+    mirrored_factor,
+)
 from slowtime.discrepancy.localization import locate
 from slowtime.dynamics.effects import Effect, Place, catalogue
 from slowtime.dynamics.plant import Plant
@@ -51,3 +55,12 @@ def test_a_hidden_oscillator_is_found_among_the_modes_and_above_them_all(times):
     best = max((one for one in tried if one.effect.kind == "extra_dof"), key=lambda c: c.score)
     assert best.effect.place == effect.place
     assert best.effect.parameters["frequency_hz"] == pytest.approx(times * highest, rel=0.15)
+
+
+def test_no_law_is_tried_at_a_node_of_beams():
+    nodes = tuple(dataclasses.replace(node, kind="beam") for node in ONE.nodes)
+    turning = dataclasses.replace(ONE, nodes=nodes)
+    at_nodes = [kind for kind in KINDS.values() if kind.where == "node"]
+    place = Place("node", ONE.nodes[0].id)
+    assert any(is_applicable(kind, place, ONE) for kind in at_nodes)
+    assert not any(is_applicable(kind, place, turning) for kind in at_nodes)
