@@ -18,7 +18,7 @@ slow time, whose readings are frequencies, is diagnosed by `slowtime.history_dia
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 
-from slowtime.dynamics.description import Description
+from slowtime.dynamics.description import Description, OpenJoint
 from slowtime.dynamics.effects import Kind, catalogue
 from slowtime.dynamics.plant import Plant
 
@@ -209,7 +209,9 @@ def _searched_reduced(
     found = grow(Hypothesis((first,), trials), few)
     # Neighbours explain nearly as much, and a budget that ends leaves the likeliest untried: no
     # place is told that was not compared with the others, whatever that takes.
-    found = relocate(found, how.kinds, Monitor(), least=1)
+    joints = [one for one in campaign.description.elements if isinstance(one, OpenJoint)]
+    among = {name for one in joints for name in (one.id, *one.between)}
+    found = relocate(found, how.kinds, Monitor(), least=1, among=among)
     return _refined(campaign, found, few)
 
 

@@ -28,9 +28,9 @@ BAND_POWER = 0.999
 """[share of power] Of the inputs that lies in their band. Source: what is left is a thirtieth
 in amplitude, and drives modes outside of the band at a resonance that is left out."""
 MODE_MARGIN = 1.6
-"""[1] Times the highest frequency of the band up to which modes are kept. Source: of a chain of
-200 masses, what is left out adds 50 to chi squared with 1.3, which a search takes for an
-effect, and 7 with 1.5; with 2, nothing, but every step takes twice as long."""
+"""[1] Times the highest frequency of the band up to which modes are kept. Source: the
+truncation error of a chain of 200 masses would add 50 to chi squared with 1.3, 7 with 1.5 and
+nothing with 2, where every step takes twice as long."""
 EXACT_AT = 0.7
 """[1] Times the highest frequency of the band, where residual shapes are exact. Source: the
 middle of the squared frequencies of the band."""

@@ -6,7 +6,7 @@ again at each place where it may act.
 """
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 
 import numpy as np
 from jaxtyping import Float
@@ -36,7 +36,12 @@ less needs more of it. Source: docs/what_decides.md: half and double change no a
 
 
 def relocate(
-    hypothesis: Hypothesis, kinds: Mapping[str, Kind], tell: Monitor, *, least: int = 2
+    hypothesis: Hypothesis,
+    kinds: Mapping[str, Kind],
+    tell: Monitor,
+    *,
+    least: int = 2,
+    among: Collection[str] = (),
 ) -> Hypothesis:
     """Put a law at another place, where that explains more.
 
@@ -47,6 +52,8 @@ def relocate(
     least
         Number of effects from which on this is tried: a single law was compared at all places
         when it was found, unless constants give way as they do in a reduced model.
+    among
+        Names of the places that come into question; none for all.
     """
     last, trials = hypothesis.last, hypothesis.trials
     whole = hypothesis.last_fits_whole_records and hypothesis.holds is None
@@ -55,6 +62,8 @@ def relocate(
         return hypothesis
     best, which, exhausted = last, -1, hypothesis.exhausted
     for number, place in _other_places(hypothesis, kinds):
+        if among and place.id not in among:
+            continue
         if tell.is_over:
             exhausted = True
             break

@@ -8,7 +8,8 @@ A constant :math:`\theta` changes the motion as a force would,
 with the acceleration a in space. Its periodic response follows from the modes, line by line;
 that begins with a state which the real one does not have, so its free decay is subtracted.
 Between samples the force is interpolated in the band, so that derivatives differ from those of
-the motion computed by its aliases: by some thousandths where the motion is sampled finely.
+the motion computed by its aliases: by some thousandths where the motion is sampled finely, and
+by more at the ends of a record.
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,7 +34,8 @@ LEAST_COORDINATES = 26
 with fewer, time stepping with exact derivatives is as fast."""
 JOIN_SAMPLES = 64
 """[samples] Behind a record, in which its end is joined to its beginning. Source: of a chain of
-200 masses, derivatives are then right to a part in a thousand; without, to a tenth."""
+200 masses, derivatives are then right to a part in a thousand within a record, and to 3 % at
+the median over whole ones, for the ends; without, to a tenth."""
 MAX_MODE_CONDITION = 1e8
 """[1] Condition number of the modal matrix up to which modes are used. Source: leaves eight
 digits, more than derivatives need."""
