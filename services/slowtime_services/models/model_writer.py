@@ -86,6 +86,8 @@ def _node(settings: dict[str, Any]) -> dict[str, Any]:
 def _element(element: Element) -> dict[str, Any]:
     if isinstance(element, Matrix):
         settings = dataclasses.asdict(element)
+        # Of models that a diagnosis reduces for itself; files state tolerances.
+        del settings["exact"]
         terms = {
             name: base64.b64encode(settings.pop(f"{name}_terms")).decode("ascii")
             for name in ("stiffness", "mass", "damping")
