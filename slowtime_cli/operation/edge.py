@@ -11,7 +11,6 @@ from slowtime_cli.operation.settings_flags import (
     naming_config,
 )
 from slowtime_cli.shared.demo_structures import EPOCHS_PER_S, METHODS, structure
-from slowtime_cli.shared.options import names
 
 
 def edge(
@@ -28,7 +27,7 @@ def edge(
     sensitivities: tuple[str, ...],
     speed: float,
     epochs_per_s: float | None,
-    channels: str | None,
+    channels: tuple[str, ...] | None,
     method: Literal["auto", "ambient", "free_decay", "peak", "modes", "recursive"] | None,
     band_hz: tuple[float, float] | None,
     window_s: float | None,
@@ -57,7 +56,7 @@ def edge(
         told = given_settings(rate_hz=rate_hz, password_file=password_file)
         given = LiveInput.of(source, **told, **measured_in)
     extract = given_settings(
-        channels=names(channels, "--channels"),
+        channels=channels,
         band_hz=band_hz or None,
         method=method or (METHODS[simulate] if simulate else None),
         window_s=window_s,

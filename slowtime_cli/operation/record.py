@@ -6,7 +6,6 @@ from typing import Literal
 import click
 
 from slowtime_cli.shared.connection import connected
-from slowtime_cli.shared.options import names
 from slowtime_cli.shared.terminal import (
     INTERRUPTED,
     counting,
@@ -26,15 +25,14 @@ def record(
     connect: tuple[str, ...],
     credentials: Path | None,
     asset: str,
-    streams: str | None,
+    streams: tuple[str, ...] | None,
     duration_s: float,
     number: bool,
     keep_bytes: int | None,
     when_full: Literal["drop-oldest", "stop"],
 ) -> int:
     """Record the messages of the bus into an MCAP file."""
-    chosen = names(streams, "--streams")
-    wanted = _meant_for_recording() if chosen is None else [_stream(name) for name in chosen]
+    wanted = _meant_for_recording() if streams is None else [_stream(name) for name in streams]
     site, _, name = asset.partition(".")
     path = free_path(out) if number and out.exists() and keep_bytes is None else out
     then: Literal["drop_oldest", "stop"] = "stop" if when_full == "stop" else "drop_oldest"

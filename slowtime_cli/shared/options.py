@@ -199,24 +199,6 @@ class OutFile(click.Path):
         return path
 
 
-def names(text: str | None, flag: str) -> tuple[str, ...] | None:
-    """Split ``a,b``; None where the flag was not given.
-
-    Examples
-    --------
-    >>> names("acc_x, acc_y", "--channels")
-    ('acc_x', 'acc_y')
-    """
-    if text is None:
-        return None
-    parts = tuple(part.strip() for part in text.split(","))
-    if not all(parts):
-        raise click.UsageError(
-            f"{flag} {text!r} has an empty name. Give names with commas between them: a,b."
-        )
-    return parts
-
-
 def together(given: Sequence[tuple[str, object]]) -> None:
     """Refuse several options that set the same thing.
 

@@ -10,6 +10,7 @@ from slowtime_cli.shared.flags import EXISTING, SettingsFile, unit_flags
 from slowtime_cli.shared.options import (
     POSITIVE,
     Name,
+    Names,
     Real,
     connect_option,
     credentials_option,
@@ -86,7 +87,9 @@ underscores); flags overrule the environment, which overrules the file.
     type=POSITIVE,
     help="Pace of --simulate.  [default: 5, or 1 for a frame]",
 )
-@click.option("--channels", help="Channels to identify from: a,b.  [default: all]")
+@click.option(
+    "--channels", type=Names(), help="Channels to identify from: a,b.  [default: all]"
+)
 @click.option(
     "--method",
     type=click.Choice(["auto", "ambient", "free_decay", "peak", "modes", "recursive"]),

@@ -7,6 +7,7 @@ import click
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.options import (
     Name,
+    Names,
     OutFile,
     Real,
     Size,
@@ -43,7 +44,9 @@ Examples:
     help="SITE.ASSET to record; * for any.",
 )
 @click.option(
-    "--streams", help="Streams to record: a,b.  [default: all streams meant for recording]"
+    "--streams",
+    type=Names(),
+    help="Streams to record: a,b.  [default: all streams meant for recording]",
 )
 @click.option(
     "--duration",

@@ -5,6 +5,7 @@ import pytest
 
 from slowtime.dynamics.sdof.oscillator import Oscillator
 from slowtime.dynamics.sdof.simulation import ambient_acceleration
+from slowtime.identification.bayes import fit
 from slowtime.identification.methods import by_method
 from slowtime.identification.mode_shapes.criteria import mac
 
@@ -52,3 +53,15 @@ def test_a_band_is_kept_to(heard):
     samples, rate = heard
     result = by_method(samples, rate, method="efdd", band_hz=(1.0, 3.0))
     assert len(result.modes) == 1
+
+
+def test_a_bayesian_fit_that_did_not_reach_its_top_gives_no_values(heard, monkeypatch):
+    samples, rate = heard
+    candidates = by_method(samples, rate, method="modes").structural
+    climb = fit._climb
+    monkeypatch.setattr(fit, "_climb", lambda *given, **rest: (climb(*given, **rest)[0], False))
+    modes = by_method(samples, rate, method="bayes").structural
+    for mode, candidate in zip(modes, candidates, strict=True):
+        assert "not_converged" in mode.flags
+        assert mode.frequency_hz == candidate.frequency_hz
+        assert mode.damping_ratio == candidate.damping_ratio

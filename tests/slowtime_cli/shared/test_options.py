@@ -6,10 +6,10 @@ from slowtime_cli.shared.options import (
     Endpoint,
     Instant,
     Name,
+    Names,
     OutFile,
     Real,
     Size,
-    names,
 )
 
 
@@ -81,9 +81,9 @@ def test_a_file_to_write_must_have_its_folder_and_its_kind_before_the_work(tmp_p
 
 @pytest.mark.parametrize("text", ["", ",", "a,", "a,,b"])
 def test_an_empty_name_is_refused(text):
-    with pytest.raises(click.UsageError, match=r"--columns .* has an empty name"):
-        names(text, "--columns")
-    assert names(None, "--columns") is None
+    with pytest.raises(click.BadParameter, match="has an empty name"):
+        Names().convert(text, None, None)
+    assert Names().convert("acc_x, acc_y", None, None) == ("acc_x", "acc_y")
 
 
 @pytest.mark.parametrize(
