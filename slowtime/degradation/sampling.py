@@ -4,9 +4,9 @@ import dataclasses
 from collections.abc import Callable
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.special import gammaln, logsumexp, ndtri
-from scipy.stats import chi2, qmc
+from scipy.special import chdtri, gammaln, logsumexp, ndtri
 
 from slowtime.estimation.hyperparameters import HyperparameterPrior, climb
 
@@ -149,8 +149,8 @@ def _climbed(
 
 
 def _even(points: int, dimensions: int) -> tuple[np.ndarray, np.ndarray]:
-    uniform = qmc.Halton(dimensions + 1, scramble=False).random(points + 1)[1:]
-    radial = np.sqrt(FREEDOM / chi2.ppf(uniform[:, -1], FREEDOM))
+    uniform = scipy.stats.qmc.Halton(dimensions + 1, scramble=False).random(points + 1)[1:]
+    radial = np.sqrt(FREEDOM / chdtri(FREEDOM, 1.0 - uniform[:, -1]))
     return np.asarray(ndtri(uniform[:, :-1])), np.asarray(radial)
 
 

@@ -10,9 +10,9 @@ import warnings as python_warnings
 from collections.abc import Callable
 
 import numpy as np
+import scipy
 from jaxtyping import Float
 from scipy.special import ndtri
-from scipy.stats import qmc
 
 from slowtime.reliability import Problem
 from slowtime.surrogate import SurrogateWarning
@@ -70,7 +70,7 @@ class Emulator:
     def start(self, count: int, seed: int) -> None:
         """Make the first runs, spread evenly over designs and inputs."""
         size = len(self.lower) + self.problem.size
-        sobol = qmc.Sobol(size, rng=np.random.default_rng(seed))
+        sobol = scipy.stats.qmc.Sobol(size, rng=np.random.default_rng(seed))
         unit = sobol.random(1 << (count - 1).bit_length())[:count]
         split = len(self.lower)
         unit[:, split:] = EDGE * (2.0 * unit[:, split:] - 1.0)

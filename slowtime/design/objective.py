@@ -7,9 +7,9 @@ difference of two designs carries no sampling noise and a smooth objective stays
 import dataclasses
 
 import numpy as np
+import scipy
 from jaxtyping import Float
 from scipy.special import ndtri
-from scipy.stats import qmc
 
 from .problem import DesignProblem, values_of
 
@@ -63,7 +63,7 @@ class RobustObjective:
         points: int = POINTS,
     ) -> None:
         self.problem = problem
-        sobol = qmc.Sobol(problem.inputs.size, rng=np.random.default_rng(seed))
+        sobol = scipy.stats.qmc.Sobol(problem.inputs.size, rng=np.random.default_rng(seed))
         unit = np.clip(sobol.random(points), 1e-12, 1.0 - 1e-12)
         self._x = problem.inputs.physical(np.asarray(ndtri(unit)))
         if reference is None:

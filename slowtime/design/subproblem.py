@@ -4,9 +4,9 @@ import dataclasses
 from collections.abc import Callable
 
 import numpy as np
+import scipy
 from jaxtyping import Float
 from scipy.optimize import minimize
-from scipy.stats import qmc
 
 DIFFERENCE = 1e-5
 """Step of the finite differences, over the width of the bounds."""
@@ -63,7 +63,7 @@ def solve(
     size = len(start)
     starts = [np.clip(start, 0.0, 1.0)]
     if wide:
-        sobol = qmc.Sobol(size, rng=np.random.default_rng(seed))
+        sobol = scipy.stats.qmc.Sobol(size, rng=np.random.default_rng(seed))
         starts += list(sobol.random(8)[:STARTS])
     ended = [_descend(programme, one) for one in starts]
     ended += [starts[0]]

@@ -1,7 +1,6 @@
 """The two model evolutions of stiffness and mass used in the book."""
 
 import numpy as np
-import scipy.signal as sps
 from jaxtyping import Float
 
 Series = Float[np.ndarray, " time"]
@@ -64,5 +63,6 @@ def mass_change(
     >>> mass_change(np.array([0.0, 10.0])).round(4)
     array([0.    , 0.1194])
     """
-    change: Series = amplitude * sps.sawtooth(rate * time_in_periods - np.pi)
+    turns = rate * time_in_periods / (2.0 * np.pi) + 0.5
+    change: Series = amplitude * (2.0 * (turns - np.floor(turns)) - 1.0)
     return change

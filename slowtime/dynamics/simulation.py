@@ -9,9 +9,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 import scipy.fft
 import scipy.linalg
-import scipy.signal as sps
 from jaxtyping import Complex, Float
 
 from .modes import ComplexModes, DefectiveModesError, complex_modes
@@ -240,7 +240,7 @@ def _by_modes(
         come[0] = now if first == 0 else kept * now + before * last + come[0]
         waves = np.stack(
             [
-                sps.lfilter([1.0], [1.0, -pole], mode)
+                scipy.signal.lfilter([1.0], [1.0, -pole], mode)
                 for pole, mode in zip(kept, come.T, strict=True)
             ],
             axis=1,

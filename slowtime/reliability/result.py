@@ -6,8 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 from jaxtyping import Float
-from scipy import stats
-from scipy.special import ndtr, ndtri
+from scipy.special import ndtr, ndtri, stdtrit
 
 LEVEL = 0.95
 TARGET = 0.05
@@ -165,7 +164,7 @@ def sampled(
             method, 0.0, None, "nothing failed", math.inf, calls, design_points,
             (*warnings, said),
         )  # fmt: skip
-    wide = stats.t.isf(0.5 * (1.0 - LEVEL), freedom) if math.isfinite(freedom) else ndtri(0.975)
+    wide = -stdtrit(freedom, 0.5 * (1.0 - LEVEL)) if math.isfinite(freedom) else ndtri(0.975)
     half = float(wide) * math.sqrt(math.log1p(variation**2))
     ends = probability * math.exp(-half), min(probability * math.exp(half), 1.0)
     if variation > stopping.variation:

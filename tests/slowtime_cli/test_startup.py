@@ -159,6 +159,28 @@ def test_a_verb_that_asks_a_server_imports_the_client_and_nothing_that_computes(
         assert not heavy, f"slowtime {' '.join(arguments)} imported {sorted(heavy)[:9]}"
 
 
+LATE = {"matplotlib", "pandas", "scipy.interpolate", "scipy.signal", "scipy.stats", "sklearn"}
+"""What takes from a tenth to half a second to import, and few runs need. After a bare
+`import scipy`, SciPy imports a part of itself where it is first named."""
+WITH_DISTRIBUTIONS = {"design", "reliability", "surrogate"}
+"""Verbs whose inputs are distributions of `scipy.stats`."""
+LOADED = """
+import importlib, json, sys
+for module in json.load(sys.stdin):
+    importlib.import_module(f"slowtime_cli.{module}")
+print(*sys.modules)
+"""
+
+
+def test_the_work_of_a_verb_imports_late_what_few_runs_need():
+    modules = {c.work.split(":")[0] for p, c in WORKS if p[0] not in WITH_DISTRIBUTIONS}
+    done = subprocess.run(
+        [sys.executable, "-c", LOADED],
+        input=json.dumps(sorted(modules)), capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert not LATE & set(done.stdout.split())
+
+
 def test_of_the_shared_packages_they_import_words_and_the_options_of_files():
     imported = probed()[-1][-1]
     shared = {

@@ -20,7 +20,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from scipy.optimize import brentq
-from scipy.stats import chi2, norm
+from scipy.special import chdtri, ndtr, ndtri
 
 from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.calibration.model_values import with_values
@@ -175,11 +175,11 @@ def limit_factor(count: int, between: float) -> float:
     share = (np.arange(_SPREADS) + 0.5) / _SPREADS
     edges = share**3
     weights = np.diff(np.concatenate([[0.0], 0.5 * (edges[1:] + edges[:-1]), [1.0]]))
-    spread = np.sqrt(chi2.ppf(edges, count - 1) / (count - 1))
-    mean = norm.ppf((np.arange(_MEANS) + 0.5) / _MEANS) / math.sqrt(count)
+    spread = np.sqrt(chdtri(count - 1, 1.0 - edges) / (count - 1))
+    mean = ndtri((np.arange(_MEANS) + 0.5) / _MEANS) / math.sqrt(count)
 
     def excess(factor: float) -> float:
-        beyond = norm.sf(mean[:, None] + factor * spread[None, :]) ** IN_A_ROW
+        beyond = ndtr(-mean[:, None] - factor * spread[None, :]) ** IN_A_ROW
         return math.log(float(beyond.mean(axis=0) @ weights) * between + 1e-300)
 
     return float(brentq(excess, 0.0, 1e3))

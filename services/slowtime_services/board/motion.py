@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-import scipy.signal as sps
+import scipy
 from jaxtyping import Int
 
 COUNT_M_PER_S2 = 3.9e-6 * 9.80665
@@ -66,7 +66,9 @@ class Board:
         while True:
             motion = np.zeros(samples)
             for n, ((b, a), share, state) in enumerate(modes):
-                moved, after = sps.lfilter(b, a, rng.standard_normal(samples), zi=state)
+                moved, after = scipy.signal.lfilter(
+                    b, a, rng.standard_normal(samples), zi=state
+                )
                 motion += share * MODE_RMS_COUNTS * moved
                 modes[n] = ((b, a), share, after)
             noise = rng.normal(0.0, NOISE_COUNTS, (samples, 3))

@@ -238,7 +238,8 @@ def page_text(
 @functools.cache
 def _library() -> str:
     """Plotly.js, packed to a third of its size; browsers since 2023 unpack it by themselves."""
-    packed = gzip.compress(PLOTLY.read_bytes(), mtime=0)
+    # At level 9 it would take twice as long, and be 1 % smaller.
+    packed = gzip.compress(PLOTLY.read_bytes(), 5, mtime=0)
     return base64.b64encode(packed).decode("ascii")
 
 

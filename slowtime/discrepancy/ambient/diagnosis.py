@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Mapping
 
 import numpy as np
-import scipy.stats
+from scipy.special import chdtrc
 
 from slowtime.discrepancy.calibration.augmentation import with_effect
 from slowtime.discrepancy.calibration.model_values import with_values
@@ -274,7 +274,7 @@ def _suspects(found: _Likeliest) -> tuple[Suspect, ...]:
         Suspect(
             place=place,
             score=gain,
-            p_value=float(scipy.stats.chi2.sf(2 * gain, found.compared.sizes[place])),
+            p_value=float(chdtrc(found.compared.sizes[place], 2 * max(gain, 0.0))),
             share=found.explained * gain / most if most > 0 and found.likeliest else 0.0,
         )
         for place, gain in ranked

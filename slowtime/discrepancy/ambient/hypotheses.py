@@ -5,7 +5,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import scipy.stats
+from scipy.special import chdtrc
 
 from slowtime.discrepancy.estimation.model_evidence import log_joints
 from slowtime.discrepancy.progress import Monitor
@@ -98,7 +98,7 @@ def compare_effects(
         for idea, gain in zip(changes, gains, strict=True)
     }
     ranked = sorted(
-        changes, key=lambda idea: scipy.stats.chi2.logsf(2 * expected[idea], len(changes[idea]))
+        changes, key=lambda idea: chdtrc(len(changes[idea]), 2 * max(expected[idea], 0.0))
     )[:SHORTLIST]
     candidates: list[SpectralCandidate] = []
     found: list[tuple[float, Equivalents]] = []

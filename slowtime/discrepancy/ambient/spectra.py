@@ -25,7 +25,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import scipy.linalg
 import scipy.special
-import scipy.stats
 from jaxtyping import Complex, Float
 
 from slowtime.discrepancy.calibration import Prior, prior_of
@@ -152,7 +151,7 @@ class AmbientFit:
     @property
     def p_value(self) -> float:
         """Probability of a worse fit over all bands if nothing is missing."""
-        return float(scipy.stats.chi2.sf(self.deviance, self.degrees))
+        return float(scipy.special.chdtrc(self.degrees, max(self.deviance, 0.0)))
 
     @property
     def misfit(self) -> float:
@@ -647,7 +646,7 @@ def _covariance_tests(
             SpectralBand(
                 low_hz=float(one.frequency_hz[part[0]]),
                 high_hz=float(one.frequency_hz[part[-1]]),
-                p_value=float(scipy.stats.chi2.sf(deviance, sensors**2)),
+                p_value=float(scipy.special.chdtrc(sensors**2, max(deviance, 0.0))),
             )
         )
     return tuple(bands), total, count * sensors**2

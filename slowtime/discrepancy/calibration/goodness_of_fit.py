@@ -1,6 +1,6 @@
 """Goodness of fit of a model."""
 
-import scipy.stats
+from scipy.special import ndtr
 
 from .fit import Fit
 
@@ -8,4 +8,4 @@ from .fit import Fit
 def chi2_p_value(fit: Fit) -> float:
     """Probability of so large a chi squared in band, if the residual is noise."""
     deviation = (fit.chi2_in_band - 1) / fit.in_band_sd
-    return float(scipy.stats.norm.sf(deviation))
+    return float(ndtr(-deviation))

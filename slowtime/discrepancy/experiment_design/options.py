@@ -4,7 +4,6 @@ import math
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-import scipy.signal as sps
 from jaxtyping import Float
 
 from slowtime.discrepancy.diagnosis import Experiment
@@ -254,7 +253,7 @@ def _waveform(option: Experiment, times: Series) -> Series:
     if option.excitation == "free_decay":
         length = max(int(1 / (high * (times[1] - times[0]))), 3)
         pulse = np.zeros(len(times))
-        pulse[:length] = BLOW_PEAK * sps.get_window("hann", length, fftbins=False)
+        pulse[:length] = BLOW_PEAK * np.hanning(length)
         return pulse
     if option.excitation == "sine":
         return np.asarray(np.sqrt(2.0) * np.sin(2 * np.pi * low * times))

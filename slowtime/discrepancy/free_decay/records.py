@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import scipy.stats
+import scipy
 from jaxtyping import Float
 
 from slowtime.discrepancy.records import MIN_SAMPLES, Trial

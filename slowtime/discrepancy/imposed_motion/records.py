@@ -9,8 +9,7 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
-import scipy.integrate
-import scipy.signal
+import scipy
 from jaxtyping import Float
 
 from slowtime.discrepancy.records import Trial
@@ -200,7 +199,8 @@ def _integrated(
     """Integrate a motion by the trapezoidal rule, each time about its mean."""
     for _ in range(times):
         rate = rate - rate.mean()
-        rate = np.asarray(scipy.integrate.cumulative_trapezoid(rate, dx=1 / rate_hz, initial=0))
+        steps = (rate[1:] + rate[:-1]) / (2 * rate_hz)
+        rate = np.concatenate([[0.0], np.cumsum(steps)])
     return np.asarray(rate - rate.mean())
 
 

@@ -13,8 +13,8 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import scipy
 import scipy.fft
-import scipy.interpolate
 import scipy.optimize
 from jaxtyping import Bool, Float
 

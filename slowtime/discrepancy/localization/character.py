@@ -2,10 +2,11 @@
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Sequence
 
 import numpy as np
-import scipy.stats
+import scipy.special
 from jaxtyping import Bool, Float
 
 from slowtime.dynamics.effects import Place
@@ -419,8 +420,10 @@ def _exponent(
                 motion.append(np.log(size) / 2)
     if len(force) < 4 or np.ptp(motion) < 0.2:
         return 0.0, np.inf
-    found = scipy.stats.linregress(motion, force)
-    return float(found.slope), float(found.stderr)
+    x, y = np.array(motion) - np.mean(motion), np.array(force) - np.mean(force)
+    slope = float(x @ y / (x @ x))
+    left = y - slope * x
+    return slope, math.sqrt(float(left @ left / (len(x) - 2) / (x @ x)))
 
 
 def _surface_heights(
@@ -452,6 +455,6 @@ def _surface_heights(
     mean = float(np.sum(values / sds**2) / np.sum(1 / sds**2))
     spread = float(np.sum(((values - mean) / sds) ** 2))
     steady = bool(
-        scipy.stats.chi2.sf(spread, max(len(values) - 1, 1)) > THRESHOLDS.steady_p_value
+        scipy.special.chdtrc(max(len(values) - 1, 1), spread) > THRESHOLDS.steady_p_value
     )
     return steady, tuple((values / mean).tolist()), tuple(middles)

@@ -1,7 +1,7 @@
 """How often a gain of likelihood comes about where nothing is missing."""
 
 import numpy as np
-import scipy.stats
+from scipy.special import binom, chdtrc
 
 
 def gain_probability(gain: float, bands: int, places: int = 1) -> float:
@@ -27,6 +27,6 @@ def gain_probability(gain: float, bands: int, places: int = 1) -> float:
     if gain <= 0 or bands == 0:
         return 1.0
     free = np.arange(1, bands + 1)
-    weight = scipy.stats.binom.pmf(free, bands, 0.5)
-    chance = float(weight @ scipy.stats.chi2.sf(2 * gain, free))
+    weight = binom(bands, free) / 2.0**bands
+    chance = float(weight @ chdtrc(free, 2 * gain))
     return min(1.0, places * chance)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import scipy.optimize
-import scipy.stats
+import scipy.special
 from jaxtyping import Float
 
 from slowtime.discrepancy.free_decay.records import is_free_decay
@@ -363,7 +363,7 @@ def is_noise_only(means: Sequence[BlockMeans], colours: Sequence[Colour]) -> boo
         relative = np.maximum(one.power / colour.density(one.frequency_hz), 1e-300)[seen]
         deficit += float(2 * one.lines[seen] @ (relative - 1 - np.log(relative)))
         blocks += len(relative)
-    return bool(scipy.stats.chi2.sf(deficit, blocks) > THRESHOLDS.noise_only_p_value)
+    return bool(scipy.special.chdtrc(blocks, deficit) > THRESHOLDS.noise_only_p_value)
 
 
 def select_colours(means: Sequence[BlockMeans], rate_hz: float) -> list[tuple[Colour, float]]:

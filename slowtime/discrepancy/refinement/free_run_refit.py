@@ -28,8 +28,8 @@ import dataclasses
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
-import scipy.stats
 from jaxtyping import Bool
+from scipy.special import stdtrit
 
 from slowtime.discrepancy.calibration import WRONG_MODEL_CHI2, Fit, FitControl, try_refit
 from slowtime.discrepancy.noise import Colour, Noise
@@ -138,7 +138,7 @@ def contradicted_constants(
     free = np.array([other.free for other in others])
     count = len(others)
     sd = np.sqrt((count - 1) / count * np.sum((free - free.mean(axis=0)) ** 2, axis=0))
-    far = scipy.stats.t.ppf(1 - MOVED_P_VALUE / 2, count - 1)
+    far = stdtrit(count - 1, 1 - MOVED_P_VALUE / 2)
     return np.asarray(np.abs(again.free - fit.free) > far * sd)
 
 

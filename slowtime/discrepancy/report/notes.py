@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
-import scipy.stats
+from scipy.special import ndtr
 
 from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
@@ -196,8 +196,7 @@ def _far(fit: Fit) -> tuple[str, ...]:
     """Tell of constants that kept within their tolerance, and are far off all the same."""
     pulls = fit.constant_pulls
     chances = {
-        name: min(1.0, 2 * len(pulls) * float(scipy.stats.norm.sf(abs(pull))))
-        for name, pull in pulls.items()
+        name: min(1.0, 2 * len(pulls) * float(ndtr(-abs(pull)))) for name, pull in pulls.items()
     }
     return tuple(
         f"The {name[0]} of {name[1]} had to be changed by {abs(pulls[name]):.1f} times "

@@ -7,12 +7,13 @@ negative part; which of the two it is, is then undecided.
 """
 
 import dataclasses
+import functools
 import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 import scipy.optimize
-import scipy.stats
+import scipy.special
 from jaxtyping import Float
 
 from slowtime.discrepancy.calibration import Fit, attempt
@@ -104,7 +105,7 @@ def _test_element(
     wide = math.sqrt(max(fit.chi2_in_band, 1.0))
     here = [n for n, one in enumerate(fit.plant.effects) if n >= first and one.place == place]
     taken = beside.score_test()
-    chance_of = scipy.stats.chi2(taken.degrees).sf
+    chance_of = functools.partial(scipy.special.chdtrc, taken.degrees)
     idle = tuple(number for number in here if _is_idle(number, fit, beside, wide, kinds))
     several = any(sum(name[:2] == ("effect", n) for name in beside.names) > 1 for n in idle)
     doubt = LawDoubt(place, idle) if several else None

@@ -20,8 +20,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.interpolate import make_interp_spline
 
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.transfer import QUANTITIES
@@ -132,7 +132,9 @@ def _coefficients(column: Float[np.ndarray, " time"]) -> Float[np.ndarray, "time
     if degree < 1:
         return found
     # Of a parabola or a quartic there is no spline that is determined by samples alone.
-    spline = make_interp_spline(np.arange(len(column)), column, k=degree - (degree + 1) % 2)
+    spline = scipy.interpolate.make_interp_spline(
+        np.arange(len(column)), column, k=degree - (degree + 1) % 2
+    )
     inside = np.arange(len(column) - 1)
     for power in range(1, spline.k + 1):
         # The highest derivative jumps at samples; that of the interval is meant.

@@ -8,9 +8,9 @@ exponential. It is the same for every damping, and replaces Newmark and its kin.
 import math
 
 import numpy as np
+import scipy
 import scipy.fft
 import scipy.linalg
-import scipy.signal as sps
 from jaxtyping import Float
 
 from .oscillator import Oscillator
@@ -114,7 +114,7 @@ def simulate(
         # Filter memory with which samples 0 and 1 come out as they must.
         start = initial[own] - zeros[0] * force[0]
         memory = np.array([start, first[own] + poles[1] * initial[own] - zeros[1] * force[0]])
-        motion.append(sps.lfilter(zeros, poles, force, zi=memory)[0])
+        motion.append(scipy.signal.lfilter(zeros, poles, force, zi=memory)[0])
     q, v = motion
     m, c, k = (
         oscillator.mass_kg,

@@ -14,8 +14,7 @@ import dataclasses
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.special import ndtri
-from scipy.stats import beta
+from scipy.special import betaincinv, ndtri
 
 LEVELS = np.array([0.025, 0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95, 0.975])
 """Probabilities whose quantiles a statement keeps [1]: the ends of four central intervals."""
@@ -324,8 +323,8 @@ def binomial_interval(share: float, number: float, level: float = 0.95) -> tuple
     """
     hits, misses = share * number + 0.5, (1.0 - share) * number + 0.5
     tail = 0.5 * (1.0 - level)
-    lo = 0.0 if share == 0.0 else float(beta.ppf(tail, hits, misses))
-    hi = 1.0 if share == 1.0 else float(beta.ppf(1.0 - tail, hits, misses))
+    lo = 0.0 if share == 0.0 else float(betaincinv(hits, misses, tail))
+    hi = 1.0 if share == 1.0 else float(betaincinv(hits, misses, 1.0 - tail))
     return lo, hi
 
 

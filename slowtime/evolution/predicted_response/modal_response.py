@@ -10,8 +10,8 @@ between its samples a pole is stepped without error by one multiplication a samp
 """
 
 import numpy as np
+import scipy
 import scipy.linalg
-import scipy.signal as sps
 from jaxtyping import Complex, Float
 
 SMALL = 0.1
@@ -69,7 +69,7 @@ def modal_response(
     for j, pole in enumerate(poles):
         # At rest at the first sample, whatever the load is there.
         rest = [-after[j] * load[0]]
-        waves, _ = sps.lfilter([after[j], before[j]], [1.0, -kept[j]], load, zi=rest)
+        waves, _ = scipy.signal.lfilter([after[j], before[j]], [1.0, -kept[j]], load, zi=rest)
         waves = waves / rate_hz
         turned = waves if order == 0 else pole * waves
         parts[j] = turned.imag / swings[j]

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
+import scipy
 from jaxtyping import Float
 from scipy.special import ndtr, ndtri
-from scipy.stats import qmc
 
 from slowtime.evolution.change import Change, check_level
 from slowtime.evolution.reasons import FAR_OUTSIDE, Reason
@@ -108,7 +108,7 @@ def changes_from_frequencies(
             f"{len(surrogates)} surrogates for {frequency_hz.shape[1]} modes. Give one for "
             "each column of frequency_hz."
         )
-    even = qmc.Halton(len(prior), scramble=False).random(draws + 1)[1:]
+    even = scipy.stats.qmc.Halton(len(prior), scramble=False).random(draws + 1)[1:]
     normal = np.asarray(ndtri(even))
     first = _foretold(surrogates, prior, normal)
     believed = first.changes.std(axis=0)

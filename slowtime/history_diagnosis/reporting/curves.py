@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 from jaxtyping import Float
-from scipy import stats
+from scipy.special import chdtrc
 
 from slowtime.history_diagnosis.data.history import FilledCovariate, Series
 from slowtime.history_diagnosis.forecasting.mixture import MixtureModel
@@ -60,7 +60,7 @@ def ljung_box_p_value(model: MixtureModel) -> float:
     power = float(residual @ residual)
     rho = np.array([residual[k:] @ residual[:-k] / power for k in range(1, lags + 1)])
     statistic = count * (count + 2.0) * float(np.sum(rho**2 / (count - np.arange(1, lags + 1))))
-    return float(stats.chi2.sf(statistic, lags))
+    return float(chdtrc(lags, statistic))
 
 
 def effect_curve(model: MixtureModel, place: int) -> EffectCurve | None:

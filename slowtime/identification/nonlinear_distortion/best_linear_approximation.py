@@ -29,8 +29,8 @@ from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
-import scipy.stats
 from jaxtyping import Bool, Complex, Float
+from scipy.special import fdtrc
 
 from .periods import Realisation
 
@@ -222,7 +222,7 @@ def _distortion_p_value(total: Real, noise: Real, count: int, periods: Sequence[
     lines = len(total)
     ratio = float(np.mean(total / np.maximum(noise, np.finfo(float).tiny)))
     within = sum(number - 1 for number in periods)
-    return float(scipy.stats.f.sf(ratio, 2 * lines * (count - 1), 2 * lines * max(within, 1)))
+    return float(fdtrc(2 * lines * (count - 1), 2 * lines * max(within, 1), ratio))
 
 
 def _detection(
@@ -258,7 +258,7 @@ def _detection(
         within = sum(one.periods - 1 for one in given)
         ratio = float(np.mean(seen / np.maximum(known, np.finfo(float).tiny)))
         number = int(chosen.sum())
-        p_value = float(scipy.stats.f.sf(ratio, 2 * number * len(given), 2 * number * within))
+        p_value = float(fdtrc(2 * number * len(given), 2 * number * within, ratio))
     return DetectionLines(
         amplitude=2 * float(np.sqrt(seen.mean())),
         noise=2 * floor,
@@ -293,7 +293,7 @@ def _symmetry(
         scatter = len(given) * float(np.mean(total * power[excited]))
         ratio = scatter / max((even.amplitude / 2) ** 2, np.finfo(float).tiny)
         lines, count = len(response), len(given)
-        tail = scipy.stats.f.sf(ratio, 2 * lines * (count - 1), 2 * even.lines * count)
+        tail = fdtrc(2 * lines * (count - 1), 2 * even.lines * count, ratio)
         oddly = bool(tail < FALSE_ALARM)
     else:
         return "unknown"

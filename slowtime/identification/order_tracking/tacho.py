@@ -3,8 +3,8 @@
 import dataclasses
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.interpolate import CubicSpline
 
 HYSTERESIS = 0.2
 """[range of the tacho] Between the levels of a rising and of a falling edge, so that noise on
@@ -43,7 +43,9 @@ class Rotation:
         -------
         Instants [s].
         """
-        return np.asarray(CubicSpline(self.revolutions, self.time_s)(revolutions))
+        return np.asarray(
+            scipy.interpolate.CubicSpline(self.revolutions, self.time_s)(revolutions)
+        )
 
     def speed_hz(self, time_s: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
         """Speed of the shaft.
@@ -57,7 +59,9 @@ class Rotation:
         -------
         Revolutions per second [Hz].
         """
-        return np.asarray(CubicSpline(self.time_s, self.revolutions)(time_s, 1))
+        return np.asarray(
+            scipy.interpolate.CubicSpline(self.time_s, self.revolutions)(time_s, 1)
+        )
 
 
 def rotation_of(

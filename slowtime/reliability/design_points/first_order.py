@@ -1,8 +1,8 @@
 r"""First-order methods: mean value (Cornell) and FORM (Hasofer–Lind)."""
 
 import numpy as np
+import scipy
 from scipy.special import ndtr
-from scipy.stats import qmc
 
 from slowtime.reliability.problem import Conditional, Evaluator, Problem
 from slowtime.reliability.result import Result, Stopping, approximated
@@ -62,7 +62,7 @@ def moments(problem: Problem) -> tuple[np.ndarray, np.ndarray]:
     if not problem.dependence and not any(isinstance(law, Conditional) for law in laws):
         return np.array([law.mean for law in laws]), np.diag([law.sd**2 for law in laws])
     # Fixed quasi-random points: the answer is the same each time.
-    points = qmc.MultivariateNormalQMC(np.zeros(problem.size), rng=0).random(2**14)
+    points = scipy.stats.qmc.MultivariateNormalQMC(np.zeros(problem.size), rng=0).random(2**14)
     x = problem.physical(np.asarray(points))
     covariance = np.atleast_2d(np.cov(x, rowvar=False))
     for k, law in enumerate(laws):

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy import stats
-from scipy.special import ndtr
+from scipy.special import ndtr, ndtri
 
 from slowtime.reliability.result import DesignPoint
 
@@ -39,7 +39,7 @@ def orthant(
         return float(ndtr(betas[0]))
     matrix = np.clip(correlation, -1.0, 1.0)
     np.fill_diagonal(matrix, 1.0 + JITTER)
-    law = stats.multivariate_normal(
+    law = scipy.stats.multivariate_normal(
         np.zeros(len(betas)), matrix, allow_singular=True, seed=rng.integers(2**31)
     )
     return float(np.clip(law.cdf(betas), 0.0, 1.0))
@@ -93,7 +93,7 @@ def _first(
 ) -> float:
     """Probability that no event of `before` happens, given that k does."""
     tail = ndtr(-betas[k]) * rng.uniform(size=POINTS)
-    z = -stats.norm.ppf(tail)
+    z = -ndtri(tail)
     rho = correlation[before, k]
     rest = correlation[np.ix_(before, before)] - np.outer(rho, rho)
     values, vectors = np.linalg.eigh(rest)

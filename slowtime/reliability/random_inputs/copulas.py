@@ -9,8 +9,9 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy import optimize, special, stats
+from scipy import optimize, special
 
 from .marginals import Marginal
 
@@ -422,4 +423,4 @@ def corrected(one: Marginal, other: Marginal, correlation: float) -> float:
 def kendall(copula: Copula, inputs: int = 2, count: int = 4096) -> float:
     """Kendall's rank correlation of the first two inputs, from random points."""
     z = copula.scores(np.random.default_rng(0).standard_normal((count, inputs)))
-    return float(stats.kendalltau(z[:, 0], z[:, 1]).statistic)
+    return float(scipy.stats.kendalltau(z[:, 0], z[:, 1]).statistic)

@@ -6,8 +6,9 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy import optimize, special, stats
+from scipy import optimize, special
 
 Build = Callable[..., Any]
 """From parameters to a frozen distribution of `scipy.stats`."""
@@ -16,26 +17,26 @@ EULER = 0.5772156649015329
 
 
 def _normal(*, mean: float, sd: float) -> Any:
-    return stats.norm(mean, sd)
+    return scipy.stats.norm(mean, sd)
 
 
 def _lognormal(*, mean: float, sd: float) -> Any:
     square = math.log1p((sd / mean) ** 2)
-    return stats.lognorm(math.sqrt(square), scale=mean * math.exp(-0.5 * square))
+    return scipy.stats.lognorm(math.sqrt(square), scale=mean * math.exp(-0.5 * square))
 
 
 def _lognormal_log(*, log_mean: float, log_sd: float) -> Any:
-    return stats.lognorm(log_sd, scale=math.exp(log_mean))
+    return scipy.stats.lognorm(log_sd, scale=math.exp(log_mean))
 
 
 def _gumbel(*, mean: float, sd: float) -> Any:
     scale = sd * math.sqrt(6.0) / math.pi
-    return stats.gumbel_r(mean - EULER * scale, scale)
+    return scipy.stats.gumbel_r(mean - EULER * scale, scale)
 
 
 def _gumbel_min(*, mean: float, sd: float) -> Any:
     scale = sd * math.sqrt(6.0) / math.pi
-    return stats.gumbel_l(mean + EULER * scale, scale)
+    return scipy.stats.gumbel_l(mean + EULER * scale, scale)
 
 
 def _weibull(*, mean: float, sd: float) -> Any:
@@ -45,7 +46,7 @@ def _weibull(*, mean: float, sd: float) -> Any:
         return float(np.log(np.expm1(logs)) - 2.0 * math.log(sd / mean))
 
     shape = math.exp(optimize.brentq(spread, math.log(0.1), math.log(500.0)))
-    return stats.weibull_min(shape, scale=mean / special.gamma(1.0 + 1.0 / shape))
+    return scipy.stats.weibull_min(shape, scale=mean / special.gamma(1.0 + 1.0 / shape))
 
 
 def _frechet(*, mean: float, sd: float) -> Any:
@@ -55,12 +56,12 @@ def _frechet(*, mean: float, sd: float) -> Any:
         return float(np.log(np.expm1(logs)) - 2.0 * math.log(sd / mean))
 
     shape = 2.0 + math.exp(optimize.brentq(spread, -20.0, math.log(500.0)))
-    return stats.invweibull(shape, scale=mean / special.gamma(1.0 - 1.0 / shape))
+    return scipy.stats.invweibull(shape, scale=mean / special.gamma(1.0 - 1.0 / shape))
 
 
 def _uniform(*, mean: float, sd: float) -> Any:
     half = math.sqrt(3.0) * sd
-    return stats.uniform(mean - half, 2.0 * half)
+    return scipy.stats.uniform(mean - half, 2.0 * half)
 
 
 def _beta(*, mean: float, sd: float, lo: float, hi: float) -> Any:
@@ -68,20 +69,20 @@ def _beta(*, mean: float, sd: float, lo: float, hi: float) -> Any:
     total = m * (1.0 - m) / v - 1.0
     if not 0.0 < m < 1.0 or total <= 0.0:
         raise ValueError(f"{mean=} with {sd=} does not fit into [{lo}, {hi}]. Lower sd.")
-    return stats.beta(m * total, (1.0 - m) * total, lo, hi - lo)
+    return scipy.stats.beta(m * total, (1.0 - m) * total, lo, hi - lo)
 
 
 def _gamma(*, mean: float, sd: float) -> Any:
-    return stats.gamma((mean / sd) ** 2, scale=sd**2 / mean)
+    return scipy.stats.gamma((mean / sd) ** 2, scale=sd**2 / mean)
 
 
 def _triangular(*, lo: float, mode: float, hi: float) -> Any:
-    return stats.triang((mode - lo) / (hi - lo), lo, hi - lo)
+    return scipy.stats.triang((mode - lo) / (hi - lo), lo, hi - lo)
 
 
 def _truncated_normal(*, parent_mean: float, parent_sd: float, lo: float, hi: float) -> Any:
     ends = (lo - parent_mean) / parent_sd, (hi - parent_mean) / parent_sd
-    return stats.truncnorm(*ends, parent_mean, parent_sd)
+    return scipy.stats.truncnorm(*ends, parent_mean, parent_sd)
 
 
 FAMILIES: Mapping[str, tuple[tuple[tuple[str, ...], Build], ...]] = {
@@ -92,51 +93,63 @@ FAMILIES: Mapping[str, tuple[tuple[tuple[str, ...], Build], ...]] = {
     ),
     "gumbel": (
         (("mean", "sd"), _gumbel),
-        (("location", "scale"), lambda *, location, scale: stats.gumbel_r(location, scale)),
+        (
+            ("location", "scale"),
+            lambda *, location, scale: scipy.stats.gumbel_r(location, scale),
+        ),
     ),
     "gumbel_min": (
         (("mean", "sd"), _gumbel_min),
-        (("location", "scale"), lambda *, location, scale: stats.gumbel_l(location, scale)),
+        (
+            ("location", "scale"),
+            lambda *, location, scale: scipy.stats.gumbel_l(location, scale),
+        ),
     ),
     "weibull": (
         (("mean", "sd"), _weibull),
-        (("scale", "shape"), lambda *, scale, shape: stats.weibull_min(shape, scale=scale)),
+        (
+            ("scale", "shape"),
+            lambda *, scale, shape: scipy.stats.weibull_min(shape, scale=scale),
+        ),
         (
             ("location", "scale", "shape"),
-            lambda *, location, scale, shape: stats.weibull_min(shape, location, scale),
+            lambda *, location, scale, shape: scipy.stats.weibull_min(shape, location, scale),
         ),
     ),
     "frechet": (
         (("mean", "sd"), _frechet),
-        (("scale", "shape"), lambda *, scale, shape: stats.invweibull(shape, scale=scale)),
+        (
+            ("scale", "shape"),
+            lambda *, scale, shape: scipy.stats.invweibull(shape, scale=scale),
+        ),
     ),
     "uniform": (
-        (("lo", "hi"), lambda *, lo, hi: stats.uniform(lo, hi - lo)),
+        (("lo", "hi"), lambda *, lo, hi: scipy.stats.uniform(lo, hi - lo)),
         (("mean", "sd"), _uniform),
     ),
     "beta": (
-        (("a", "b", "lo", "hi"), lambda *, a, b, lo, hi: stats.beta(a, b, lo, hi - lo)),
+        (("a", "b", "lo", "hi"), lambda *, a, b, lo, hi: scipy.stats.beta(a, b, lo, hi - lo)),
         (("mean", "sd", "lo", "hi"), _beta),
     ),
     "gamma": (
         (("mean", "sd"), _gamma),
-        (("shape", "scale"), lambda *, shape, scale: stats.gamma(shape, scale=scale)),
+        (("shape", "scale"), lambda *, shape, scale: scipy.stats.gamma(shape, scale=scale)),
     ),
     "exponential": (
-        (("mean",), lambda *, mean: stats.expon(scale=mean)),
+        (("mean",), lambda *, mean: scipy.stats.expon(scale=mean)),
         (
             ("location", "mean"),
-            lambda *, location, mean: stats.expon(location, mean - location),
+            lambda *, location, mean: scipy.stats.expon(location, mean - location),
         ),
     ),
     "triangular": ((("lo", "mode", "hi"), _triangular),),
     "truncated_normal": ((("parent_mean", "parent_sd", "lo", "hi"), _truncated_normal),),
-    "rayleigh": ((("scale",), lambda *, scale: stats.rayleigh(scale=scale)),),
-    "logistic": ((("mean", "sd"), lambda *, mean, sd: stats.logistic(
+    "rayleigh": ((("scale",), lambda *, scale: scipy.stats.rayleigh(scale=scale)),),
+    "logistic": ((("mean", "sd"), lambda *, mean, sd: scipy.stats.logistic(
         mean, sd * math.sqrt(3.0) / math.pi)),),
     "student_t": (
         (("location", "scale", "freedom"),
-         lambda *, location, scale, freedom: stats.t(freedom, location, scale)),
+         lambda *, location, scale, freedom: scipy.stats.t(freedom, location, scale)),
     ),
 }  # fmt: skip
 """Name → ways to state its parameters, each with what builds the distribution."""

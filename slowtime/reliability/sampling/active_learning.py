@@ -11,9 +11,9 @@ import warnings as python_warnings
 from collections.abc import Callable
 
 import numpy as np
+import scipy
 from jaxtyping import Float
 from scipy.special import ndtr
-from scipy.stats import qmc
 
 from slowtime.reliability.design_points.search import Search, find_design_points
 from slowtime.reliability.problem import Evaluator, Problem, unknowns
@@ -91,7 +91,9 @@ def active_learning(
     g = Evaluator(problem)
     most = min(runs, stopping.calls)
     count = min(10 + 2 * problem.size if first is None else first, most)
-    design = EDGE * (2.0 * qmc.LatinHypercube(problem.size, rng=rng).random(count) - 1.0)
+    design = EDGE * (
+        2.0 * scipy.stats.qmc.LatinHypercube(problem.size, rng=rng).random(count) - 1.0
+    )
     design = np.concatenate([np.zeros((1, problem.size)), design])[:most]
     values = g(design)
     population: _Population | None = None

@@ -1,7 +1,7 @@
 """Crude Monte Carlo simulation (eq. 4.10)."""
 
 import numpy as np
-from scipy import stats
+from scipy.special import betainccinv, betaincinv
 
 from slowtime.reliability.problem import Evaluator, Problem
 from slowtime.reliability.result import LEVEL, Result, Stopping
@@ -44,7 +44,7 @@ def monte_carlo(problem: Problem, rng: np.random.Generator, stopping: Stopping) 
         if enough or rare or count >= stopping.calls:
             break
     tail = 0.5 * (1.0 - LEVEL)
-    lo = float(stats.beta.ppf(tail, failed, count - failed + 1)) if failed else 0.0
+    lo = float(betaincinv(failed, count - failed + 1, tail)) if failed else 0.0
     # With no failure only the upper end is unknown, and it takes the whole of the doubt.
     hi = _upper(failed, count, tail if failed else 2.0 * tail)
     warnings: tuple[str, ...] = ()
@@ -62,7 +62,7 @@ def monte_carlo(problem: Problem, rng: np.random.Generator, stopping: Stopping) 
 
 
 def _upper(failed: int, count: int, chance: float) -> float:
-    return float(stats.beta.isf(chance, failed + 1, count - failed)) if failed < count else 1.0
+    return float(betainccinv(failed + 1, count - failed, chance)) if failed < count else 1.0
 
 
 def _further_points(failed: int, count: int, stopping: Stopping) -> float:

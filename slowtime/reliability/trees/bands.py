@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
+import scipy
 from scipy.special import ndtri
 
 from .dependence import Group
@@ -86,7 +86,7 @@ def band(
     if not known:
         return ProbabilityBounds(float("nan"), lowest, highest, lowest, highest)
     exact = probability(tree, {n: r[:1] for n, r in zip(names, table, strict=True)}, groups)
-    cube = stats.qmc.LatinHypercube(len(names), rng=rng).random(draws)
+    cube = scipy.stats.qmc.LatinHypercube(len(names), rng=rng).random(draws)
     scores = ndtri(cube).T / ndtri(0.5 + LEVEL / 2.0)
     value, lo, hi = (column[:, None] for column in table.T)
     drawn = value + np.where(scores > 0, (hi - value) * scores, (value - lo) * scores)

@@ -8,8 +8,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from scipy import stats
-from scipy.special import ndtri
+from scipy.special import betaincinv, ndtri
 
 from twin_server.composites.composite import Failing
 from twin_server.registration.thresholds import Limit
@@ -154,9 +153,9 @@ def interval(share: float, count: int = PATHS) -> tuple[float, float]:
     """
     seen = round(share * count)
     low, high = 0.5 - LEVEL / 2.0, 0.5 + LEVEL / 2.0
-    belief = stats.beta(seen + 0.5, count - seen + 0.5)
-    lo = 0.0 if seen == 0 else float(belief.ppf(low))
-    hi = 1.0 if seen == count else float(belief.ppf(high))
+    belief = seen + 0.5, count - seen + 0.5
+    lo = 0.0 if seen == 0 else float(betaincinv(*belief, low))
+    hi = 1.0 if seen == count else float(betaincinv(*belief, high))
     return min(lo, share), max(hi, share)
 
 

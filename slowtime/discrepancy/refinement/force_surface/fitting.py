@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-import scipy.stats
+from scipy.special import chdtri
 
 from slowtime.discrepancy.calibration import (
     Fit,
@@ -159,7 +159,7 @@ def _better_of(
         ]
         loss = (costs[0] - costs[1]) / max(other.fit.chi2_in_band, 1.0) / 2
         more = max(len(other.free) - len(found.free), 1)
-        if loss <= max(MAX_LOSS, float(scipy.stats.chi2.isf(MIN_P_VALUE, more)) / 2):
+        if loss <= max(MAX_LOSS, float(chdtri(more, MIN_P_VALUE)) / 2):
             return found
     if not demanded:
         return other
