@@ -253,7 +253,7 @@ def write_report(
         file = path.with_suffix(ENDING)
         text = selection_text(name, selection, result.modes)
         file.write_text(text, encoding="utf-8")
-        sections.append(Section("Stabilisation", (), [PoleChoice(chart, file.name, text)]))
+        sections.append(Section("Stabilisation", (), [PoleChoice(chart, ENDING, text)]))
     if len(channels) > 1 and structural and shapes:
         drawn = [_shapes(result, channels)]
         sections.append(Section("Shapes", (), [*drawn, *mac_charts(result, models)]))

@@ -122,12 +122,12 @@ class PoleChoice:
 
     Parameters
     ----------
-    name, text
-        Of the file of the choice, to which each click adds an edit.
+    ending, text
+        Of the file of the choice, to which each click adds an edit; it is named after the page.
     """
 
     chart: Chart
-    name: str
+    ending: str
     text: str
 
 
@@ -319,7 +319,7 @@ def _item(shown: Item, words: Words, own: str) -> str:
 
 
 def _pole_choice(choice: PoleChoice, words: Words) -> str:
-    content = json.dumps({"name": choice.name, "text": choice.text}).replace("<", "\\u003c")
+    content = json.dumps({"ending": choice.ending, "text": choice.text}).replace("<", "\\u003c")
     drawn = _chart(choice.chart, _of(words))
     return (
         f'<div class="choice">{drawn}\n<div class="poles"{_of(words)}>'

@@ -4,7 +4,9 @@ const MOST_EDITS = 500;
 
 function choosePoles(place) {
   const chart = place.querySelector(".chart"), panel = place.querySelector(".poles");
-  const { name, text } = JSON.parse(panel.querySelector("script").textContent);
+  const { ending, text } = JSON.parse(panel.querySelector("script").textContent);
+  // Of the page as it is called now, so that its contents do not depend on its name.
+  const page = decodeURIComponent(location.pathname.split("/").at(-1)), name = page.replace(/\.[^.]*$/, "") + ending;
   const edits = new Map();
   const make = (tag, words, attributes = {}) => Object.assign(document.createElement(tag), { textContent: words, ...attributes });
   const hz = make("input", "", { type: "number", min: 0, step: "any" });
