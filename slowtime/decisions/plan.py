@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from .comparison import Ranking, rank
-from .continuation import Follow, payments, per_path
+from .continuation import Cycle, Follow, payments, per_path
 from .costs import CLOSED, CLOSING, INSPECTION, ITEMS, Costs, discount
 from .ensemble import Ensemble
 from .information import value_of_information
@@ -168,7 +168,7 @@ def make_plan(futures: Ensemble, costs: Costs, terms: Terms) -> Plan:
     options = [one.option for one in standing]
     options += _repairs(futures, items, expected, costs, follow)
     if costs.closing is not None:
-        options.append(_closing(futures, costs))
+        options += _closings(futures, costs, follow)
     least = _least(options, futures, prices)
     if inspection is not None:
         options += _inspections(futures, costs, inspection, actions)
@@ -310,14 +310,47 @@ def _repairs(
     ]
 
 
-def _closing(futures: Ensemble, costs: Costs) -> Option:
-    weight = discount(futures.time, costs.discount_rate)
-    closed = np.concatenate(
-        [[0.0], np.cumsum((weight[1:] + weight[:-1]) / 2 * np.diff(futures.time))]
+def _closings(futures: Ensemble, costs: Costs, follow: Follow) -> list[Option]:
+    """Close for good, and until a repair that is ordered now, where that takes some time."""
+    last = len(futures.time) - 1
+    curve = _closed_until(last, futures, costs)
+    options = [Option("close", "close", np.repeat(curve[-1:], len(futures.weights), 0), curve)]
+    done = int(futures.access.effect_index(futures.time)[0])
+    if 0 < done <= last:
+        options.append(_closed_for_repair(done, futures, costs, follow))
+    return options
+
+
+def _closed_until(
+    index: int, futures: Ensemble, costs: Costs
+) -> Float[np.ndarray, "time item"]:
+    """Give discounted items of being closed from now to the time of an index."""
+    time = np.minimum(futures.time, futures.time[index])
+    weight = discount(time, costs.discount_rate)
+    steps = (weight[1:] + weight[:-1]) / 2 * np.diff(time)
+    curve = np.zeros((len(time), len(ITEMS)))
+    curve[:, CLOSING], curve[1:, CLOSED] = 1.0, np.cumsum(steps)
+    return curve
+
+
+def _closed_for_repair(done: int, futures: Ensemble, costs: Costs, follow: Follow) -> Option:
+    """Close now, repair at the first possible time, and reopen.
+
+    What is closed does not fail, but its damage goes on as in the futures. Futures that have
+    failed by now are renewed at once.
+    """
+    failed = futures.failure_time <= 0.0
+    cycle = Cycle(np.where(failed, 0, done), failed)
+    closed = _closed_until(done, futures, costs)
+    effect = futures.access.effect(0.0)
+    return Option(
+        "close_until_repair",
+        "close",
+        per_path(cycle, futures, costs, follow) + ~failed[:, None] * closed[-1],
+        payments(cycle, futures, costs).until(follow) + futures.weights @ ~failed * closed,
+        {"at": effect, "order": 0.0},
+        np.where(failed, np.inf, effect),
     )
-    curve = np.zeros((len(futures.time), len(ITEMS)))
-    curve[:, CLOSING], curve[:, CLOSED] = 1.0, closed
-    return Option("close", "close", np.repeat(curve[-1:], len(futures.weights), 0), curve)
 
 
 def _inspections(

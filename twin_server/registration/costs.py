@@ -81,7 +81,10 @@ class CostTable(Immutable):
     inspection_downtime: NotNegative = 0.0
     closing: Annotated[
         Amount | None,
-        Field(description="Of taking it out of service for good; null: it cannot be closed."),
+        Field(
+            description="Of taking it out of service, once, for good or until a repair; null: "
+            "it cannot be closed."
+        ),
     ] = None
     closed: Annotated[
         Amount, Field(description="Of being closed from then on, per `time_unit`.")

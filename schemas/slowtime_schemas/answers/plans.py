@@ -161,7 +161,8 @@ class PlanCosts(RestAnswer):
     inspection: PlanAmount = Field(description="Of one inspection.")
     downtime: PlanAmount = Field(description="Of being out of service, per `time_unit`.")
     closing: PlanAmount | None = Field(
-        description="Of taking it out of service for good; null: it cannot be closed."
+        description="Of taking it out of service, once, for good or until a repair; null: "
+        "it cannot be closed."
     )
     closed: PlanAmount = Field(description="Of being closed, per `time_unit`.")
     failure_downtime: float = Field(description="Out of service after a failure.")
@@ -175,7 +176,8 @@ class PlanOption(RestAnswer):
 
     name: str = Field(
         description="nothing, age, fixed_interval, estimate_threshold, probability_threshold, "
-        "periodic_inspection, repair_now, repair_at, inspect_now, inspect_at, read_on or close."
+        "periodic_inspection, repair_now, repair_at, inspect_now, inspect_at, read_on, close or "
+        "close_until_repair."
     )
     words: str
     now: Annotated[Now, Extensible] = Field(description="What it does at once.")

@@ -243,7 +243,7 @@ def test_a_plan_lists_all_costs_and_times_that_it_counts(tmp_path):
     text = page_of(tmp_path, "plan", "en")
     table = text[text.index("Costs and times used") :]
     for item in (
-        "failure", "planned repair", "inspection", "out of service", "closing for good",
+        "failure", "planned repair", "inspection", "out of service", "closing, once",
         "discount rate", "from the order of a repair to its effect",
     ):  # fmt: skip
         assert f"<td>{item}</td>" in table

@@ -149,6 +149,9 @@ def option_words(option: Option, when: TimeWording) -> str:
             f"take readings for {when.moment(given['at'])} and decide by what they show"
         ),
         "close": lambda: "close",
+        "close_until_repair": lambda: (
+            f"close until the repair, ordered now, is done in {when.moment(given['at'])}"
+        ),
     }
     return words[option.name]()
 

@@ -231,3 +231,42 @@ def test_a_threshold_that_orders_in_every_future_that_is_left_orders_now():
     plan = make_plan(most, COSTS, Terms(access=Access(lead=0.5)))
     (option,) = (o for o in plan.options if o.name == "estimate_threshold")
     assert option.now == "repair"
+
+
+@pytest.mark.parametrize("access", [Access(lead=1.0), Access(lead=0.2, windows=SEASONS)])
+def test_closing_until_the_first_possible_repair_is_an_option_with_cost_and_risk(access):
+    """By hand: nothing fails while closed, and after the repair of these futures neither."""
+    costs = dataclasses.replace(COSTS, closing=Cost(0.5), closed=Cost(0.3))
+    one = futures(start=0.9, paths=50)
+    failed = np.arange(50) < 5  # by now
+    one = dataclasses.replace(one, failure_time=np.where(failed, 0.0, one.failure_time))
+    plan = make_plan(one, costs, Terms(access=access))
+    by_name = {option.name: k for k, option in enumerate(plan.options)}
+    option = plan.options[by_name["close_until_repair"]]
+    effect = option.parameters["at"]
+    assert effect == pytest.approx(access.effect(0.0))
+    at = TIME[np.searchsorted(TIME, effect - 1e-9)]
+    closed = 0.3 * (1 - np.exp(-0.04 * at)) / 0.04
+    kept = 0.5 + closed + 2.0 * np.exp(-0.04 * at)
+    assert plan.costs[by_name["close_until_repair"]] == pytest.approx(
+        0.1 * 20.0 + 0.9 * kept, rel=1e-5
+    )
+    assert option.now == "close"
+    failures = [
+        each.quantities(one.weights)[0]
+        for each in (option, plan.options[by_name["repair_now"]])
+    ]
+    assert failures[0] == pytest.approx(0.1)
+    assert failures[1] > 0.11
+
+
+def test_closing_until_a_repair_needs_a_price_of_closing_and_a_repair_that_takes_time():
+    priced = dataclasses.replace(COSTS, closing=Cost(0.5), closed=Cost(0.3))
+    for costs, access in (
+        (COSTS, Access(lead=1.0)),
+        (priced, Access()),
+        (priced, Access(lead=20.0)),
+    ):
+        names = {one.name for one in make_plan(futures(), costs, Terms(access=access)).options}
+        assert "close_until_repair" not in names
+        assert ("close" in names) == (costs is priced)
