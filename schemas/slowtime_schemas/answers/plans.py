@@ -79,6 +79,15 @@ PLAN_EXAMPLE: dict[str, Any] = {
         {"ahead": 0.0, "slow_time": 812.5, "t": "2026-11-21T04:00:00+00:00"},
         {"ahead": 10.0, "slow_time": 4462.5, "t": "2036-11-21T04:00:00+00:00"},
     ],
+    "history": [
+        {"ahead": -2.0, "value": -0.11, "sd": 0.012},
+        {"ahead": -1.0, "value": -0.15, "sd": 0.012},
+        {"ahead": 0.0, "value": -0.19, "sd": 0.012},
+    ],
+    "outlook": [
+        {"value": -0.187, "lo": -0.207, "hi": -0.167},
+        {"value": -0.33, "lo": -0.52, "hi": -0.24},
+    ],
     "repair_cost": [73600.0, 540000.0],
     "failure_probability": [0.0, 0.62],
     "difference": {
@@ -138,6 +147,22 @@ class PlanFailure(RestAnswer):
     )
 
 
+class PlanReading(RestAnswer):
+    """A valid reading of the quantity that fails, as a relative change."""
+
+    ahead: float = Field(description="From the last reading, in `time_unit`: at most 0.")
+    value: float
+    sd: float = Field(description="Standard deviation.")
+
+
+class PlanOutlook(RestAnswer):
+    """The forecast of the quantity that fails without a repair, as a relative change."""
+
+    value: float = Field(description="Median of the futures.")
+    lo: float = Field(description="1 of 20 futures is below.")
+    hi: float = Field(description="1 of 20 futures is above.")
+
+
 class PlanCost(RestAnswer):
     """Expected cost, and the range of 9 of 10 futures: 1 in 20 costs less, 1 in 20 more."""
 
@@ -176,8 +201,8 @@ class PlanOption(RestAnswer):
 
     name: str = Field(
         description="nothing, age, fixed_interval, estimate_threshold, probability_threshold, "
-        "periodic_inspection, repair_now, repair_at, inspect_now, inspect_at, read_on, close or "
-        "close_until_repair."
+        "periodic_inspection, repair_now, repair_at, inspect_now, inspect_at, read_on, close "
+        "or close_until_repair."
     )
     words: str
     now: Annotated[Now, Extensible] = Field(description="What it does at once.")
@@ -289,6 +314,14 @@ class PlanModel(RestAnswer):
     changes: tuple[str, ...]
     options: tuple[PlanOption, ...] = Field(description="The cheapest first.")
     times: tuple[PlanTime, ...]
+    history: tuple[PlanReading, ...] = Field(
+        (),
+        description="Valid readings of what fails, evenly thinned; empty from versions "
+        "without it.",
+    )
+    outlook: tuple[PlanOutlook, ...] = Field(
+        (), description="At each of `times`; empty from versions without it."
+    )
     repair_cost: tuple[float, ...] = Field(
         description="Expected cost of a repair at each of `times`."
     )

@@ -31,6 +31,7 @@ from slowtime_services.reports.kinds.modes import Compared, modes_page
 from slowtime_services.reports.kinds.plan import plan_page, write_plan_report
 from slowtime_services.reports.kinds.plan_details import plan_sections
 from slowtime_services.reports.kinds.plan_options import amount_text
+from slowtime_services.reports.kinds.plan_pictures import change_chart
 from slowtime_services.reports.kinds.state import Reference, state_page, write_state_report
 from slowtime_services.reports.words import FOLDER
 from tests.services.reports.reports_of_each_kind import (
@@ -318,12 +319,72 @@ def test_a_german_plan_has_no_english_sentence_or_number_in_its_details(tmp_path
     plan["options"][1]["parameters"] = {"age": 3.0}  # else it is of a new kind, in English
     write_plan_report(path, plan, language="de")
     page = path.read_text(encoding="utf-8")
-    body = page.partition("</header>")[2].partition("<script")[0]
+    body = page.partition("</header>")[2]
+    body = re.sub(r"<script.*?</script>", "", body, flags=re.DOTALL)
     text = html.unescape(re.sub(r"<[^>]+>", " ", body))
     assert not re.search(r"\b(the|of|is|and|wait|repair|within|cost|years)\b", text)
     assert text.count("900.000") == 2  # in a reason, and in the table of costs
     assert "900000" not in text
     assert not re.search(r"[1-9],\d{3}\b", text)
+
+
+def test_a_plan_draws_readings_forecast_limit_and_the_date_of_the_action():
+    plan = plan_answer()
+    repairs = [plan["last_order"][end] for end in ("lo", "effect", "hi")]
+    plan["options"][0]["repair"] = repairs
+    chart = change_chart(plan, Words("en"))
+    assert chart is not None
+    band, median, read, limit = chart.data
+    assert read["x"] == [-2.0, -1.0, 0.0]
+    assert read["y"] == pytest.approx([-11.0, -15.0, -19.0])
+    assert read["error_y"]["array"] == pytest.approx([1.2] * 3)
+    assert median["y"] == pytest.approx([-18.7, -33.0])
+    assert (max(band["y"]), min(band["y"])) == pytest.approx((-16.7, -52.0))
+    assert limit["y"] == [-30.0, -30.0]
+    titles = [chart.layout[axis]["title"]["text"] for axis in ("xaxis", "yaxis")]
+    assert titles == ["time from the last reading [years]", "change of stiffness [%]"]
+    lines = [shape["x0"] for shape in chart.layout["shapes"]]
+    assert lines == [2.6, 2.1]
+    labels = [one["text"] for one in chart.layout["annotations"]]
+    assert labels == [
+        "repair done: 2029-06-28 (in 2.6 years)", "last safe order: 2028-12-28 (in 2.1 years)",
+    ]  # fmt: skip
+    low, high = chart.layout["yaxis"]["range"]
+    assert low < -1.4 * 30.0 < 0.0 < high
+    assert change_chart(plan | {"history": []}, Words("en")) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "said"),
+    [
+        ("repair_at", {"order": 1.0, "at": 1.5}, "order the repair: 2027-11-21 (in 1 year)"),
+        ("repair_now", {"order": 0.0, "at": 0.5}, "repair done: 2027-05-22 (in 0.5 years)"),
+        ("close_until_repair", {"order": 0.0, "at": 0.5}, "repair done: 2027-05-22"),
+        ("inspect_at", {"at": 1.0}, "inspect: 2027-11-21"),
+        ("read_on", {"at": 1.0}, "decide: 2027-11-21"),
+    ],
+)
+def test_the_date_of_each_action_is_marked_in_the_picture(name, given, said):
+    plan = plan_answer()
+    plan["options"][0] |= {"name": name, "parameters": given}
+    chart = change_chart(plan, Words("en"))
+    assert chart is not None
+    assert chart.layout["annotations"][0]["text"].startswith(said)
+
+
+def test_a_plan_that_closes_until_the_repair_says_to_order_it():
+    plan = plan_answer() | {"action": "close"}
+    given = {"name": "close_until_repair", "parameters": {"at": 0.5, "order": 0.0}}
+    plan["options"][0] |= given | {"now": "close", "words": "close until the repair is done"}
+    page = plan_page(plan, Words("en"))
+    assert page.answer.startswith("Take it out of service now, and order the repair.")
+    assert page.actions[0] == (
+        "Follow the plan: take it out of service now, order the repair, and reopen once it is "
+        "done in 0.5 years."
+    )
+    assert any(action.startswith("Order now: done 2027-05-22") for action in page.actions)
+    plan["options"][0] |= {"name": "close", "parameters": {}}
+    assert plan_page(plan, Words("en")).answer.startswith("Take it out of service now. ")
 
 
 @pytest.mark.parametrize(("p", "level"), [(0.99, "high"), (0.8, "medium"), (0.3, "low")])

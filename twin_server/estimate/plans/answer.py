@@ -26,6 +26,9 @@ from .wording import (
 CURVE = 41
 """Times of each curve that are told."""
 
+READINGS = 200
+"""Readings that are told with a plan at most [1]: more cannot be told apart in a picture."""
+
 
 def plan_answer(twin_id: str, order: PlanOrder) -> dict[str, Any]:
     """Make the plan of a twin, and write it as REST gives it.
@@ -77,6 +80,8 @@ def answer_of_plan(twin_id: str, order: PlanOrder, made: Planned) -> dict[str, A
             _option(plan, row, order, when, clock, rows) for row in range(len(plan.options))
         ],
         "times": [clock.at(float(plan.futures.time[row])) for row in rows.tolist()],
+        "history": _history(order, made.slow_per_unit),
+        "outlook": _outlook(plan, failure.at, rows),
         "repair_cost": plan.repair_cost[rows].tolist(),
         "failure_probability": plan.failure_probability[rows].tolist(),
         "difference": None
@@ -117,8 +122,8 @@ def refusal_of(twin_id: str, reason: str, name: str = "") -> dict[str, Any]:
     empty: dict[str, Any] = {
         name: []
         for name in (
-            "months", "changes", "options", "times", "repair_cost", "failure_probability",
-            "break_even", "information", "inspections",
+            "months", "changes", "options", "times", "history", "outlook", "repair_cost",
+            "failure_probability", "break_even", "information", "inspections",
         )
     }  # fmt: skip
     nothing["difference"] = None
@@ -131,6 +136,32 @@ def _present(plan: Plan, limit: float) -> dict[str, float]:
     now, weights = plan.futures.damage[:, 0] * limit, plan.futures.weights
     mean = float(weights @ now)
     return {"value": mean, "sd": math.sqrt(float(weights @ (now - mean) ** 2))}
+
+
+def _history(order: PlanOrder, slow_per_unit: float) -> list[dict[str, float]]:
+    """Give the readings of the quantity that fails, evenly thinned up to the last."""
+    if order.past is None:
+        return []
+    past, every = order.past, math.ceil(len(order.past.slow_time) / READINGS)
+    ahead = (past.slow_time - order.laws.now) / slow_per_unit
+    columns = (column[::-1][::every][::-1].tolist() for column in (ahead, past.value, past.sd))
+    return [
+        {"ahead": at, "value": value, "sd": sd}
+        for at, value, sd in zip(*columns, strict=True)
+        if math.isfinite(value) and math.isfinite(sd)
+    ]
+
+
+def _outlook(plan: Plan, limit: float, rows: Any) -> list[dict[str, float]]:
+    """Give median and band of the futures of the quantity that fails."""
+    futures, found = plan.futures.damage[:, rows] * limit, []
+    for values in futures.T:
+        order = np.argsort(values)
+        total = np.cumsum(plan.futures.weights[order])
+        places = np.minimum(np.searchsorted(total, (0.05, 0.5, 0.95)), len(order) - 1)
+        lo, value, hi = values[order][places].tolist()
+        found.append({"value": value, "lo": lo, "hi": hi})
+    return found
 
 
 def _costs(table: CostTable) -> dict[str, Any]:

@@ -19,6 +19,7 @@ from slowtime.decisions import (
 )
 from slowtime.degradation import Mixture
 from slowtime_schemas.slow_times import LAST_CLOCK_S
+from twin_server.estimate.forecast.changes import Past
 from twin_server.estimate.forecast.futures import POINTS, futures_of
 from twin_server.registration.costs import SECONDS, CostTable, Deciding
 
@@ -64,6 +65,8 @@ class PlanOrder:
         Sensor time of the last reading [ns]; None where the calendar is not known.
     name
         Of the structure, as registered.
+    past
+        Valid readings of the quantity that fails that are told with the plan; None for none.
     """
 
     costs: CostTable
@@ -78,6 +81,7 @@ class PlanOrder:
     widening: float = 1.0
     since_ns: int | None = None
     name: str = ""
+    past: Past | None = None
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

@@ -30,8 +30,11 @@ from .forecast_cache import ForecastCache
 NEWEST = 60
 """States that tell how often and how well is read, and the pace of slow time."""
 
+SHOWN = 400
+"""States among which a plan tells the valid readings: as many as a forecast is made from."""
+
 MOST_KEPT = 500
-"""Plans that are kept, those asked for last: some 60 kB each."""
+"""Plans that are kept, those asked for last: some 70 kB each."""
 
 STALE = 25
 """Readings that a plan may be old where a whole fleet is asked for."""
@@ -149,6 +152,10 @@ class PlanCache:
         order = self._order(twin, found, prospect)
         if order is None:
             return refusal_of(twin_id, TOO_FEW, twin.registration.name)
+        past = _past_states(twin, self._shown(twin_id, order)).get(
+            order.decision.failure.quantity
+        )
+        order = dataclasses.replace(order, past=past)
         if terms != AS_REGISTERED:
             order = dataclasses.replace(order, decision=terms.changed(order.decision))
         try:
@@ -156,6 +163,11 @@ class PlanCache:
         except NotPlannableError as error:
             return refusal_of(twin_id, str(error), twin.registration.name)
         return answer
+
+    def _shown(self, twin_id: str, order: PlanOrder) -> StoredHistory:
+        """Read the states whose readings are told with a plan, up to the one it is made of."""
+        until = order.laws.now
+        return self._store.history(twin_id, slow_time=(None, until), limit=SHOWN, newest=True)
 
     def _order(
         self, twin: Twin, found: StoredHistory, prospect: ForecastState | None

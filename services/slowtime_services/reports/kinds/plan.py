@@ -12,7 +12,7 @@ from slowtime_services.reports.first_page import (
     made_at,
     subject_of,
 )
-from slowtime_services.reports.page import Chart, write_page
+from slowtime_services.reports.page import write_page
 from slowtime_services.reports.words import Words
 
 from .plan_details import PER_TIME, observation_name, plan_sections
@@ -22,9 +22,11 @@ from .plan_options import (
     moment_of,
     money_of,
     option_words,
+    quantity_in,
     span_of,
     unit_of,
 )
+from .plan_pictures import change_chart, cost_chart
 
 Answer = Mapping[str, Any]
 
@@ -35,23 +37,16 @@ answer. Source: costs that owners state are seldom known better."""
 SAME = 1e-3
 """Share of the least cost [1] below which two options cost the same: less than is printed."""
 
-DRAWN = 4
-"""Options whose costs are drawn [1]: more cannot be told apart."""
-
-LETTERS = "ABCD"
-"""Names of the curves, which the caption explains: options are sentences, and no legend of a
-first page has room for four."""
-
 ALWAYS_TOLD = ("failure", "repair", "inspection")
 """Costs that are told though they are 0: a reader would look for them."""
+
+CLOSED_FOR_REPAIR = "close_until_repair"
 
 OFFLINE = "offline.record"
 """Twin of a file that names none."""
 
 MOST_BESIDE = 3
 """Options beside the answer [1]; the table below has all."""
-
-COLOURS = ("#0b6fb8", "#b3541e", "#2f8f5b", "#7a5ba6")
 
 
 def write_plan_report(
@@ -68,10 +63,13 @@ def write_plan_report(
     """
     words = Words(language)
     first = plan_page(plan, words, structure=structure, source=source)
-    picture = _picture(plan, words) if plan["options"] else None
+    costs = cost_chart(plan, words) if plan["options"] else None
+    picture = change_chart(plan, words) if plan["options"] else None
+    below = None if picture is None else costs
     write_page(
         path, f"{words('kind.plan')}: {first.subject}", first.answer,
-        list(plan_sections(plan, words)), first=first, picture=picture, language=language,
+        list(plan_sections(plan, words, below)), first=first, picture=picture or costs,
+        language=language,
     )  # fmt: skip
 
 
@@ -115,7 +113,7 @@ def _measured(plan: Answer, words: Words) -> str:
 def _definition(plan: Answer, words: Words) -> str:
     """Write the present state, what counts as a failure, and how probable and near it is."""
     failure, last = plan["failure"], plan["last_order"]
-    quantity = _quantity(failure["quantity"], words)
+    quantity = quantity_in(plan, words)
     said = []
     now = failure.get("estimate")
     if now is not None:
@@ -160,15 +158,12 @@ def _is_gone(plan: Answer) -> bool:
     return datetime.datetime.fromisoformat(order["t"]) < made_at()
 
 
-def _quantity(name: str, words: Words) -> str:
-    known = {"stiffness_change": "plan.stiffness", "mass_change": "plan.mass"}
-    return words(known[name]) if name in known else name.replace("_", " ")
-
-
 def _answer(plan: Answer, words: Words) -> str:
     last, act = plan["last_order"], plan["action"]
     if act == "repair" and last["lead_time"] > 0:
         act = "order"
+    if act == "close" and plan["options"][0]["name"] == CLOSED_FOR_REPAIR:
+        act = "close_for_repair"
     best, apart = plan["options"][0], plan["difference"]
     if act == "undecided" and abs(apart["value"]) <= SAME * abs(best["cost"]["value"]):
         act = "equal"
@@ -252,14 +247,15 @@ def _actions(plan: Answer, words: Words) -> Iterator[str]:
         )
     if last["status"] == "due" and not gone and not in_time:
         yield words("plan.do_order", when=moment_of(plan, last["order"], words))
-    if plan["action"] == "repair" and last["now_effect"] is not None:
+    orders = plan["action"] == "repair" or best_option["name"] == CLOSED_FOR_REPAIR
+    if plan["decided"] and orders and last["now_effect"] is not None:
         when = moment_of(plan, last["now_effect"], words)
         yield words("plan.do_now", when=when, p=words.percent(last["now_probability"], 2))
     first = plan["information"][0] if plan["information"] else None
     if first is not None and first["net"] > 0 and first["cost"] > 0:
         net = money_of(plan, first["net"], words)
         yield words("plan.do_inform", name=observation_name(first, words), net=net)
-    if plan["action"] != "close" and not gone:
+    if best_option["name"] != "close" and not gone:
         yield words("plan.do_again")
 
 
@@ -290,27 +286,3 @@ def _costs(plan: Answer, words: Words) -> Iterator[str]:
     for one in plan["information"]:
         if one["cost"] > 0 and one["kind"] == "readings":
             yield f"{observation_name(one, words)} {money_of(plan, one['cost'], words)}"
-
-
-def _picture(plan: Answer, words: Words) -> Chart:
-    x = [time["ahead"] for time in plan["times"]]
-    drawn = plan["options"][:DRAWN]
-    traces = [
-        {
-            "type": "scatter", "mode": "lines", "x": x,
-            "name": letter,
-            "y": option["curve"],
-            "line": {"color": colour, "width": 2.5 if not k else 1.4},
-        }
-        for k, (option, letter, colour) in enumerate(zip(drawn, LETTERS, COLOURS, strict=False))
-    ]  # fmt: skip
-    layout = {
-        "xaxis": {"title": {"text": words("plan.axis_time", unit=unit_of(plan, words))}},
-        "yaxis": {"title": {"text": f"[{plan['currency']}]"}, "rangemode": "tozero"},
-    }  # fmt: skip
-    named = "; ".join(
-        f"{letter}: {option_words(option, plan, words)}"
-        for letter, option in zip(LETTERS, drawn, strict=False)
-    )
-    told = words("plan.picture", currency=plan["currency"])
-    return Chart(traces, layout, f"{told} {named}.")

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from slowtime_services.reports.page import Section, Table
+from slowtime_services.reports.page import Chart, Section, Table
 from slowtime_services.reports.words import Words
 
 from .plan_options import (
@@ -36,8 +36,11 @@ _MORE = re.compile(r"(one|\d+) more readings?")
 """Name that the server gives to further readings of the sensor that is there."""
 
 
-def plan_sections(plan: Answer, words: Words) -> Iterator[Section]:
-    """Yield what follows the first page, in the language of `words`."""
+def plan_sections(plan: Answer, words: Words, costs: Chart | None = None) -> Iterator[Section]:
+    """Yield what follows the first page, in the language of `words`.
+
+    `costs` is the chart of the options' costs; None where the first page shows it.
+    """
     if not plan["options"]:
         yield Section("Reasons", [plan["sentence"]])
         return
@@ -53,7 +56,8 @@ def plan_sections(plan: Answer, words: Words) -> Iterator[Section]:
         for option in plan["options"]
     ]
     caption = words("plan.options_caption", currency=plan["currency"])
-    yield Section("Options", (), [Table(OPTION_HEADS, rows, caption)], translated=True)
+    shown = [Table(OPTION_HEADS, rows, caption), *([] if costs is None else [costs])]
+    yield Section("Options", (), shown, translated=True)
     yield Section("Costs and times used", (), [_cost_table(plan, words)], translated=True)
     worths = [
         (

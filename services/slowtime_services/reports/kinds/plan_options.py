@@ -37,8 +37,8 @@ def option_words(option: Mapping[str, Any], plan: Mapping[str, Any], words: Word
     option
         Of `plan`, which has the units.
     """
-    given, unit = option["parameters"], unit_of(plan, words)
-    spans = {name: f"{words.number(given[name])} {unit}" for name in SPANS if name in given}
+    given = option["parameters"]
+    spans = {name: span_of(plan, given[name], words) for name in SPANS if name in given}
     shares = {
         name: words.percent(given[name]) for name in ("damage", "probability") if name in given
     }
@@ -52,6 +52,13 @@ def option_words(option: Mapping[str, Any], plan: Mapping[str, Any], words: Word
         return str(option["words"])
 
 
+def quantity_in(plan: Mapping[str, Any], words: Words) -> str:
+    """Name the quantity that fails; one of an element by its own name."""
+    name = str(plan["failure"]["quantity"])
+    known = {"stiffness_change": "plan.stiffness", "mass_change": "plan.mass"}
+    return words(known[name]) if name in known else name.replace("_", " ")
+
+
 def has_no_unit(plan: Mapping[str, Any]) -> bool:
     """Whether the times of a plan are slow times whose unit nobody has stated."""
     return plan["time_unit"] == "slow_time" and plan["slow_time_unit"] in (None, "", "units")
@@ -59,7 +66,9 @@ def has_no_unit(plan: Mapping[str, Any]) -> bool:
 
 def span_of(plan: Mapping[str, Any], time: float, words: Words) -> str:
     """Write a span of a plan's time with its unit."""
-    return f"{words.number(time)} {unit_of(plan, words)}"
+    count, unit = words.number(time), unit_of(plan, words)
+    single = words.known(f"unit.{plan['time_unit']}.one") if count == "1" else None
+    return f"{count} {single or unit}"
 
 
 def is_dated(plan: Mapping[str, Any]) -> bool:

@@ -62,3 +62,19 @@ def test_without_a_decision_or_readings_the_plan_says_what_is_needed(planned, ag
     told = planned([], CallerThread(), costs=costs("d"), decision=DECISION)
     assert told["sentence"] == TOO_FEW
     assert not told["valid"]
+
+
+def test_a_plan_tells_its_readings_and_the_forecast_that_it_is_made_of(planned, ageing):
+    told = planned(ageing(300), CallerThread(), costs=costs("slow_time"), decision=DECISION)
+    assert told["valid"]
+    history, outlook, failure = told["history"], told["outlook"], told["failure"]
+    assert 100 < len(history) <= 200
+    assert history[-1]["ahead"] == 0.0
+    assert history[-1]["ahead"] - history[0]["ahead"] > 100
+    assert len(outlook) == len(told["times"])
+    now = failure["estimate"]
+    assert outlook[0]["value"] == pytest.approx(now["value"], abs=now["sd"])
+    # A path has failed by the end where it is below the limit there.
+    below = outlook[-1]["lo"] < failure["threshold"]
+    assert below == (told["failure_probability"][-1] > 0.05)
+    assert all(one["lo"] <= one["value"] <= one["hi"] for one in outlook)
