@@ -387,6 +387,31 @@ def test_a_plan_that_closes_until_the_repair_says_to_order_it():
     assert plan_page(plan, Words("en")).answer.startswith("Take it out of service now. ")
 
 
+def test_of_many_observations_the_most_valuable_are_listed_and_the_others_counted():
+    plan = plan_answer()
+    [one] = plan["information"]
+    plan["information"] = [
+        one | {"name": f"sensor {k}", "kind": "readings", "net": 100.0 * k} for k in range(12)
+    ]
+    sections = {section.heading: section for section in plan_sections(plan, Words("en"))}
+    [table] = sections["Observations on offer"].shown
+    assert isinstance(table, Table)
+    assert [row[0].split(",")[0] for row in table.rows] == [
+        f"sensor {k}" for k in range(11, 6, -1)
+    ]
+    assert table.caption.startswith(
+        "The 5 of the largest net value are shown, that first, of 12 on offer."
+    )
+    [costs] = sections["Costs and times used"].shown
+    assert isinstance(costs, Table)
+    assert sum("sensor" in row[0] for row in costs.rows) == 5
+    assert dict(plan_page(plan, Words("en")).facts)["Costs used"].count("sensor") == 5
+    plan["information"] = [one]
+    [few] = list(plan_sections(plan, Words("en")))[-1].shown
+    assert isinstance(few, Table)
+    assert few.caption.startswith("The largest net value comes first.")
+
+
 @pytest.mark.parametrize(("p", "level"), [(0.99, "high"), (0.8, "medium"), (0.3, "low")])
 def test_confidence_is_named_by_probability(p, level):
     assert level_of(p) == level

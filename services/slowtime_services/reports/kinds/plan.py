@@ -23,6 +23,7 @@ from .plan_options import (
     money_of,
     option_words,
     quantity_in,
+    shown_observations,
     span_of,
     unit_of,
 )
@@ -283,6 +284,6 @@ def _costs(plan: Answer, words: Words) -> Iterator[str]:
             )
         per = words(f"plan.per.{plan['time_unit']}") if name in PER_TIME else ""
         yield f"{words(f'plan.item.{name}')} {amount} {per}".rstrip()
-    for one in plan["information"]:
+    for one in shown_observations(plan):
         if one["cost"] > 0 and one["kind"] == "readings":
             yield f"{observation_name(one, words)} {money_of(plan, one['cost'], words)}"

@@ -13,6 +13,7 @@ from .plan_options import (
     moment_of,
     money_of,
     option_words,
+    shown_observations,
     span_of,
     unit_of,
 )
@@ -59,18 +60,26 @@ def plan_sections(plan: Answer, words: Words, costs: Chart | None = None) -> Ite
     shown = [Table(OPTION_HEADS, rows, caption), *([] if costs is None else [costs])]
     yield Section("Options", (), shown, translated=True)
     yield Section("Costs and times used", (), [_cost_table(plan, words)], translated=True)
-    worths = [
+    if plan["information"]:
+        table = _observation_table(plan, largest, words)
+        yield Section("Observations on offer", (), [table], translated=True)
+
+
+def _observation_table(plan: Answer, largest: float, words: Words) -> Table:
+    """List the observations of largest net value, and count the others."""
+    shown, total = shown_observations(plan), len(plan["information"])
+    rows = [
         (
             _observed(one, plan, words),
             *(amount_text(one[part], largest, words) for part in ("value", "net")),
             words.number(one["changes"], 2),
         )
-        for one in plan["information"]
+        for one in shown
     ]
-    if worths:
-        caption = words("plan.worth_caption", currency=plan["currency"])
-        table = Table(WORTH_HEADS, worths, caption)
-        yield Section("Observations on offer", (), [table], translated=True)
+    key = "plan.worth_order" if len(shown) == total else "plan.worth_order_some"
+    order = words(key, n=len(shown), total=total)
+    caption = f"{order} {words('plan.worth_caption', currency=plan['currency'])}"
+    return Table(WORTH_HEADS, rows, caption)
 
 
 COST_PARTS = ("value", "lo", "hi")
@@ -234,7 +243,7 @@ def _cost_table(plan: Answer, words: Words) -> Table:
     rows.append((words("plan.lead_row"), lead, "", unit))
     months = ", ".join(map(str, plan["months"])) or words("plan.every")
     rows.append((words("plan.months_row"), months, "", words("plan.month_unit")))
-    for one in plan["information"]:
+    for one in shown_observations(plan):
         title = words("plan.observation_row", name=observation_name(one, words))
         rows.append((title, _whole(one["cost"], words), "", plan["currency"]))
     heads = ("item", "value", "standard deviation", "unit")

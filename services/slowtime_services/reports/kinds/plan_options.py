@@ -17,6 +17,9 @@ HOUR_S = 3600.0
 ROUNDING = 1e-9
 """Share of the largest cost [1] below which an amount is written as 0: what sums round off."""
 
+MOST_OBSERVATIONS = 5
+"""Observations that are listed [1]: as many as can be weighed against each other at once."""
+
 SPANS = ("age", "every", "window", "order", "at")
 """Parameters of an option that are times."""
 
@@ -50,6 +53,12 @@ def option_words(option: Mapping[str, Any], plan: Mapping[str, Any], words: Word
         return words(key, **spans, **shares)
     except KeyError:  # an option, or a parameter, that this version does not know
         return str(option["words"])
+
+
+def shown_observations(plan: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Give the observations of largest net value, that first."""
+    ranked = sorted(plan["information"], key=lambda one: -one["net"])
+    return ranked[:MOST_OBSERVATIONS]
 
 
 def quantity_in(plan: Mapping[str, Any], words: Words) -> str:
