@@ -133,16 +133,26 @@ def _confidence(document: DiagnosisFile, words: Words) -> Confidence:
     if document.verdict == "undecided":
         best = max((rival.probability for rival in document.undecided), default=0.0)
         told = words("diagnosis.confidence_undecided", p=words.probability(best))
-        return Confidence("low", told)
+        return _of_something(1.0 - nothing, words, told)
     if document.verdict == "unknown_effect":
-        told = words("diagnosis.confidence_unknown", p=words.probability(1.0 - nothing))
-        return Confidence(level_of(1.0 - nothing), told)
+        return _of_something(1.0 - nothing, words)
     if document.effects:
         least = min(effect.probability for effect in document.effects)
         told = words("diagnosis.confidence", p=words.probability(least))
         return Confidence(level_of(least), f"{told} {words('sd')}")
     told = words("diagnosis.confidence_nothing", p=words.probability(nothing))
     return Confidence(level_of(nothing), told)
+
+
+def _of_something(probability: float, words: Words, more: str = "") -> Confidence:
+    """Tell how sure it is that something is missing, where it is not known what.
+
+    Never high: the question is what is missing.
+    """
+    sure = level_of(probability)
+    told = words("diagnosis.confidence_unknown", p=words.probability(probability))
+    said = words(f"diagnosis.something_{sure}")
+    return Confidence("low" if sure == "low" else "medium", f"{told} {more}".rstrip(), said)
 
 
 def _rivals(document: DiagnosisFile, words: Words) -> Iterator[Alternative]:
@@ -341,8 +351,7 @@ def _history_confidence(document: Mapping[str, Any], words: Words) -> Confidence
     if document["verdict"] == "nothing_missing":
         told = words("diagnosis.confidence_nothing_history", p=words.probability(nothing))
         return Confidence(level_of(nothing), told)
-    told = words("diagnosis.confidence_unknown", p=words.probability(1.0 - nothing))
-    return Confidence("low", told)
+    return _of_something(1.0 - nothing, words)
 
 
 def _history_facts(document: Mapping[str, Any], words: Words) -> Iterator[tuple[str, str]]:

@@ -43,10 +43,18 @@ def level_of(probability: float) -> Level:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Confidence:
-    """How sure an answer is, in a word, and the number with what it means."""
+    """How sure an answer is, in a word, and the number with what it means.
+
+    Parameters
+    ----------
+    said
+        What is sure and what is not, in place of the word: for answers that decide only a part
+        of the question. Empty for the word of the level.
+    """
 
     level: Level
     number: str
+    said: str = ""
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -212,7 +220,7 @@ def first_page(page: FirstPage, words: Words, picture: str) -> str:
             '<div class="beside"><div class="told">',
             f"<h1{long}>{_escaped(page.answer)}</h1>",
             f'<p class="confidence {page.confidence.level}"><strong>'
-            f"{_escaped(words(f'confidence.{page.confidence.level}'))}</strong> "
+            f"{_escaped(_how_sure(page.confidence, words))}</strong> "
             f"{_escaped(page.confidence.number)}</p>",
             *(
                 [f'<p class="definition">{_escaped(page.definition)}</p>']
@@ -234,6 +242,10 @@ def first_page(page: FirstPage, words: Words, picture: str) -> str:
 
 def _escaped(text: str) -> str:
     return html.escape(text)
+
+
+def _how_sure(confidence: Confidence, words: Words) -> str:
+    return confidence.said or words(f"confidence.{confidence.level}")
 
 
 def _alternatives(page: FirstPage, words: Words) -> Iterator[str]:

@@ -15,13 +15,14 @@ from slowtime_services.diagnose import document_of
 from slowtime_services.diagnose.first_pages import diagnosis_page
 from slowtime_services.problem_files.stated import Stated
 from slowtime_services.reports import LANGUAGES, Chart, Section, Table, Words, page_text
-from slowtime_services.reports.first_page import measured_on, subject_of
+from slowtime_services.reports.first_page import first_page, measured_on, subject_of
 from slowtime_services.reports.kinds.plan import plan_page
 from slowtime_services.reports.kinds.plan_options import option_words
 from slowtime_services.reports.kinds.reliability import (
     reliability_page,
     write_reliability_report,
 )
+from slowtime_services.reports.kinds.state import state_page
 from slowtime_services.reports.page import STYLE
 from slowtime_services.reports.words import FOLDER
 from tests.services.diagnose.slide import told
@@ -30,6 +31,7 @@ from tests.services.reports.reports_of_each_kind import (
     WRITERS,
     modes_with_shapes,
     plan_answer,
+    states,
 )
 
 EACH = [(kind, language) for kind in WRITERS for language in LANGUAGES]
@@ -217,6 +219,41 @@ def test_methods_that_disagree_never_stand_under_high_confidence(others, level):
     page = reliability_page("b.yaml", problem, found, Words(), seed=1)
     assert page.confidence.level == level
     assert ("form gives" in page.confidence.number) == (level == "medium")
+
+
+def undecided_pages(words):
+    """First pages whose answers leave the question open, whatever is sure besides."""
+    for verdict in ("unknown_effect", "undecided"):
+        found = dataclasses.replace(
+            told(), verdict=verdict, effects=(), nothing_probability=1e-9
+        )
+        yield diagnosis_page(found, document_of(found), words)
+    problem = Problem({"x": marginal("normal", mean=5.0, sd=1.0)}, lambda x: x[:, 0])
+    sure = [result_of("importance", 1.8e-3), result_of("subset", 1.82e-3)]
+    for accepted in (None, 1.8e-3):
+        yield reliability_page(
+            "b.yaml", problem, sure, words, seed=1, stated=Stated(accepted=accepted)
+        )
+    plan = plan_answer()
+    yield plan_page(plan | {"decided": False, "action": "undecided"}, words)
+    yield plan_page(plan | {"options": [], "sentence": "Too few."}, words)
+    for loss in (0.03, None):
+        epochs = states(loss or 0.0, 0.02)
+        if loss is None:
+            epochs[-1]["stiffness_change"] = None
+        yield state_page("b", epochs, "stiffness", words)
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_no_answer_that_leaves_the_question_open_stands_beside_high_confidence(language):
+    words = Words(language)
+    pages = list(undecided_pages(words))
+    assert len(pages) == 8
+    for page in pages:
+        shown = re.sub(r"<[^>]+>", " ", first_page(page, words, ""))
+        assert words("confidence.high") not in html.unescape(shown), page.answer
+        assert page.confidence.said, page.answer
+    assert "fehlt" in pages[0].confidence.said or "missing" in pages[0].confidence.said
 
 
 def test_inputs_of_the_same_distribution_are_written_as_one(tmp_path):

@@ -89,7 +89,7 @@ def plan_page(
             question=question,
             answer=words("plan.act.none", reason=plan["sentence"]),
             measured=words("measured.unknown"),
-            confidence=Confidence("low", ""),
+            confidence=Confidence("low", "", words("confidence.none")),
             actions=[words("plan.do_again")],
         )
     return FirstPage(
@@ -201,7 +201,9 @@ def _confidence(plan: Answer, words: Words) -> Confidence:
     other = _compared(plan, words)[1]
     key = "plan.confidence_exact" if value == lo == hi else "plan.confidence"
     told = words(key, other=other, value=value, lo=lo, hi=hi)
-    level = "high" if apart["lo"] > 0 else "medium" if plan["decided"] else "low"
+    if not plan["decided"]:
+        return Confidence("low", told, words("confidence.undecided"))
+    level = "high" if apart["lo"] > 0 else "medium"
     return Confidence(level, told)  # type: ignore[arg-type]
 
 

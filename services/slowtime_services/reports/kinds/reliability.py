@@ -106,7 +106,7 @@ def reliability_page(
         answer=answer,
         measured=words("measured.none"),
         definition=_definition(problem, stated, words),
-        confidence=_confidence(best, others, words),
+        confidence=_confidence(best, others, _verdict(best, stated), words),
         actions=list(_actions(best, found, problem, stated, words)),
         alternatives=[_alternative(one, words) for one in others],
         facts=[
@@ -217,7 +217,9 @@ def _best(found: Sequence[Result]) -> Result:
     return min(found, key=width)
 
 
-def _confidence(best: Result, others: Sequence[Result], words: Words) -> Confidence:
+def _confidence(
+    best: Result, others: Sequence[Result], verdict: str, words: Words
+) -> Confidence:
     cov = best.variation
     if best.interval is None or cov is None:
         return Confidence("low", words("reliability.no_interval"))
@@ -239,7 +241,9 @@ def _confidence(best: Result, others: Sequence[Result], words: Words) -> Confide
         way = "less" if one.probability < best.probability else "more"
         times = "∞" if math.isinf(ratio) else words.number(ratio, 2)
         said.append(words(f"reliability.apart_{way}", method=one.method, times=times))
-    return Confidence(level, " ".join(said))
+    judged = verdict in ("kept", "exceeded")
+    of_number = "" if judged else words(f"reliability.sure_{verdict}_{level}")
+    return Confidence(level, " ".join(said), of_number)
 
 
 def _apart(best: Result, other: Result) -> float:

@@ -122,9 +122,10 @@ def state_page(
         confidence = Confidence(level_of(chance), words(key, p=told_p))
     elif any(chance >= LIKELY for _, _, _, chance in known):
         told_p = words.probability(max(chance for _, _, _, chance in known))
-        confidence = Confidence("medium", words("state.confidence_same", p=told_p))
+        number = words("state.confidence_same", p=told_p)
+        confidence = Confidence("medium", number, words("confidence.undecided"))
     elif not known:
-        confidence = Confidence("low", words("state.confidence_same", p=words.probability(0.5)))
+        confidence = Confidence("low", "", words("confidence.none"))
     else:
         bounds = [words.number(100 * (abs(v) + 1.96 * sd), 2) for _, v, sd, _ in known]
         within = " / ".join(bounds)
