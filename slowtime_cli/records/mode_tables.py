@@ -326,6 +326,7 @@ def _stabilisation(result: ModalResult, caption: str) -> Chart:
                 # All poles of a mode stand for it.
                 "customdata": modes_hz[poles.mode[chosen]].tolist() if belongs else None,
                 "name": name,
+                "meta": name,  # for the choice of poles, whatever the language
                 "mode": "markers",
                 "marker": {"size": 5, "color": colour, "symbol": "cross" if belongs else "dot"},
             }

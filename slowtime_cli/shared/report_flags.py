@@ -27,7 +27,7 @@ def wording_flags(function: F) -> F:
         show_default=True,
         expose_value=False,
         callback=_keep(LANGUAGE),
-        help="Language of the report's first page and headings.",
+        help="Language of the report.",
     )
     return subject(language(function))
 

@@ -27,7 +27,7 @@ from .constants import (
     changes_of,
     listed_changes,
 )
-from .labels import labelled, named, number
+from .labels import meaning_of, named, number
 
 MOST_RIVALS, LEAST = 4, 0.01
 """Rivals that stand beside the answer [1], and the least probability of one [1]. Source: below
@@ -99,7 +99,7 @@ def _effect(effect: FoundEffect, words: Words) -> str:
     place = place_in(effect.where, words)
     what = words("diagnosis.at", effect=effect_in(effect.effect, words), place=place)
     numbers = [
-        f"{labelled(name, n.unit)} {words.localised(number(n))}"
+        f"{words.reason(meaning_of(effect.effect, name, n.unit))} {words.localised(number(n))}"
         for name, n in effect.parameters.items()
         if n.sd > 0
     ][:MOST_NUMBERS]
@@ -110,7 +110,7 @@ def _effect(effect: FoundEffect, words: Words) -> str:
 
 def _answer(document: DiagnosisFile, words: Words) -> str:
     effects = "; ".join(_effect(effect, words) for effect in document.effects)
-    constants = ", ".join(moved.name for moved in document.moved)
+    constants = ", ".join(words.reason(moved.name) for moved in document.moved)
     early = document.ended is not None and document.verdict == "unknown_effect"
     answer = words(
         f"diagnosis.{document.verdict}{'_early' if early else ''}",
@@ -192,14 +192,18 @@ def _actions(diagnosis: Diagnosis, document: DiagnosisFile, words: Words) -> Ite
             more = words.number(MORE_PATIENCE * ended.budget_s, 3)
             yield words("diagnosis.do_patience", more=more)
     if document.experiment:
-        yield words("diagnosis.do_experiment", what=document.experiment)
+        yield words("diagnosis.do_experiment", what=words.reason(document.experiment))
     for finding in document.findings:
-        yield words("diagnosis.do_channel", name=finding.channel, fault=named(finding.fault))
+        yield words(
+            "diagnosis.do_channel",
+            name=finding.channel,
+            fault=words.reason(named(finding.fault)),
+        )
     for moved in document.moved:
         value, sd = words.measured(moved.value, moved.sd)
         yield words(
             "diagnosis.do_constant",
-            name=moved.name,
+            name=words.reason(moved.name),
             value=value,
             sd=sd,
             unit=moved.unit,
@@ -364,7 +368,7 @@ def _history_facts(document: Mapping[str, Any], words: Words) -> Iterator[tuple[
 
 def _history_actions(document: Mapping[str, Any], words: Words) -> Iterator[str]:
     if document["experiment"]:
-        yield words("diagnosis.do_experiment", what=document["experiment"])
+        yield words("diagnosis.do_experiment", what=words.reason(document["experiment"]))
     if document["effects"]:
         yield words("diagnosis.do_watch")
     else:

@@ -18,7 +18,7 @@ from slowtime_services.reports import Chart, Section, Table, Words, write_page
 from .charts import AUGMENTED, MEASURED, NOMINAL
 from .first_pages import history_page
 from .history_table import TabulatedHistory
-from .labels import VERDICTS, named
+from .labels import named
 
 _MOST_POINTS = 2_000
 """[readings] Of a chart. Source: a bound on the size of the page."""
@@ -141,8 +141,9 @@ def write_history_results(
     folder.mkdir(parents=True, exist_ok=True)
     text = json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False)
     (folder / "report.json").write_text(text + "\n", encoding="utf-8")
-    first = history_page(document, Words(language), structure=structure)
-    title = f"{VERDICTS[document['verdict']]}: {first.subject} in slow time"
+    words = Words(language)
+    first = history_page(document, words, structure=structure)
+    title = f"{words('kind.diagnosis')}: {first.subject}"
     for path in (folder / "report.html", page):
         if path is not None:
             write_page(

@@ -5,6 +5,7 @@ import re
 import numpy as np
 from jaxtyping import Float
 
+from slowtime.dynamics.effects.effect_catalogue import catalogue
 from slowtime_schemas.files.diagnosis import Estimated
 
 UNIT = re.compile(r"(?:_(?:n|m[23]?|s2?|kg|hz|rad|c|per))+$")
@@ -12,16 +13,6 @@ UNIT = re.compile(r"(?:_(?:n|m[23]?|s2?|kg|hz|rad|c|per))+$")
 
 SHORT_S = 0.1
 """Times below are written in milliseconds [s]."""
-
-VERDICTS = {
-    "missing_effect": "The model lacks an effect",
-    "nothing_missing": "Nothing is missing",
-    "parameters_only": "Only constants are off",
-    "sensor_fault": "A sensor is at fault",
-    "input_fault": "An input is at fault",
-    "undecided": "These records cannot decide",
-    "unknown_effect": "An effect is missing that is not in slowtime's catalogue",
-}
 
 
 def named(effect: str) -> str:
@@ -46,6 +37,20 @@ def labelled(parameter: str, unit: str) -> str:
     ('friction', 't jump', 'drift total')
     """
     return (UNIT.sub("", parameter) if unit else parameter).replace("_", " ")
+
+
+def meaning_of(kind: str, parameter: str, unit: str) -> str:
+    """Name a parameter by its meaning; one of an effect of an owner by its own name.
+
+    Examples
+    --------
+    >>> meaning_of("coulomb", "friction_n", "N"), meaning_of("own_law", "friction_n", "N")
+    ('friction of sliding', 'friction')
+    """
+    known = catalogue().get(kind)
+    every = () if known is None else known.parameters
+    meanings = {one.name: one.meaning for one in every}
+    return meanings.get(parameter) or labelled(parameter, unit)
 
 
 def placed(kind: str, name: str) -> str:

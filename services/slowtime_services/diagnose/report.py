@@ -11,7 +11,7 @@ from .charts import PICTURE_SAMPLES, gap_chart, residual_charts, run_charts, sur
 from .constants import changes_of
 from .first_pages import diagnosis_page
 from .force_charts import force_charts
-from .labels import VERDICTS, labelled, named, number, placed, rare
+from .labels import meaning_of, named, number, placed, rare
 
 
 def write_report(
@@ -28,7 +28,7 @@ def write_report(
     """
     words = Words(language)
     first = diagnosis_page(diagnosis, document, words, structure=structure)
-    title = f"{VERDICTS[document.verdict]}: {first.subject}"
+    title = f"{words('kind.diagnosis')}: {first.subject}"
     runs = [
         _in_words(one, diagnosis, words) for one in run_charts(diagnosis, PICTURE_SAMPLES)[:1]
     ]
@@ -75,7 +75,7 @@ def _sections(
     yield _constants(diagnosis, document)
     if document.findings:
         rows = [(f.channel, f.fault, f"{100 * f.share:.2g} %") for f in document.findings]
-        table = Table(("channel", "fault", "share of its samples"), rows)
+        table = Table(("channel", "fault", "share of its samples"), rows, names=("channel",))
         yield Section("Channels", [f.sentence for f in document.findings], [table])
     yield _account(document)
 
@@ -87,7 +87,7 @@ def _effects(document: DiagnosisFile) -> Iterator[Section]:
     for effect in document.effects:
         place = placed(effect.where.kind, effect.where.id)
         numbers = ", ".join(
-            f"{labelled(name, n.unit)} = {number(n)}"
+            f"{meaning_of(effect.effect, name, n.unit)} = {number(n)}"
             for name, n in effect.parameters.items()
             if n.sd > 0
         )

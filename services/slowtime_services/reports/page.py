@@ -12,12 +12,13 @@ import html
 import json
 import re
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import plotly
 
+from .contents import Chart, Item, PoleChoice, Scene, Section, Table
+from .details import English, in_language
 from .first_page import FirstPage, first_page
 from .pdf import print_page
 from .words import Words
@@ -76,80 +77,6 @@ unpacked(document.querySelector('#library')).then((text) => {
 """
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
-class Table:
-    """Rows of cells below their headings."""
-
-    headings: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    caption: str = ""
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class Chart:
-    """Traces and layout for plotly.js, and a description of the chart.
-
-    Parameters
-    ----------
-    words
-        Description, for those who do not see the chart as well.
-    hint
-        What can be done with the chart on a screen; paper leaves it out.
-    caption
-        Sentences of the description that stand below it; None for all of them.
-    """
-
-    data: Sequence[Mapping[str, Any]]
-    layout: Mapping[str, Any]
-    words: str
-    hint: str = ""
-    caption: str | None = None
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class Scene:
-    """Mode shapes on a wireframe, as `slowtime_services.wireframes.scene_of` gives them."""
-
-    scene: Mapping[str, Any]
-    words: str
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class PoleChoice:
-    """A stabilisation diagram whose poles are clicked to choose modes.
-
-    Its traces "mode" and "other pole" hold the poles.
-
-    Parameters
-    ----------
-    ending, text
-        Of the file of the choice, to which each click adds an edit; it is named after the page.
-    """
-
-    chart: Chart
-    ending: str
-    text: str
-
-
-Item = Table | Chart | Scene | PoleChoice
-
-
-@dataclasses.dataclass(frozen=True, slots=True)
-class Section:
-    """A heading, sentences, and the items below them.
-
-    Parameters
-    ----------
-    translated
-        Whether the texts are in the language of the page; English else.
-    """
-
-    heading: str
-    words: Sequence[str] = ()
-    shown: Sequence[Item] = ()
-    translated: bool = False
-
-
 def write_page(
     path: Path,
     title: str,
@@ -174,8 +101,8 @@ def write_page(
     heading
         Of the details to which the picture belongs; empty for none.
     language
-        Of the first page, the headings, the numbers of figures and translated sections; other
-        details stay English.
+        Of the page. Sentences of sections that are not translated and that the catalogue does
+        not have stay English, and are marked so.
 
     Raises
     ------
@@ -206,6 +133,7 @@ def page_text(
 ) -> str:
     """Give the HTML of a page, as `write_page` writes it."""
     words = Words(language)
+    sections = [in_language(section, words) for section in sections]
     shown = [picture, *(one for section in sections for one in section.shown)]
     draws = any(isinstance(one, Chart | PoleChoice) for one in shown)
     moves = any(isinstance(one, Scene) for one in shown)
@@ -225,8 +153,12 @@ def page_text(
     if any(isinstance(one, PoleChoice) for one in shown):
         scripts = f"<script>\n{POLES.read_text(encoding='utf-8')}</script>\n{scripts}"
     if moves:
+        mark = words.localised(".")
         viewer = VIEWER.read_text(encoding="utf-8")
-        scripts += f'\n<script type="module">\n{viewer}\ndrawAll();\n</script>'
+        spoken = json.dumps(words.group("wireframe"), ensure_ascii=False)
+        scripts += (
+            f'\n<script type="module">\n{viewer}\ndrawAll({spoken}, "{mark}");\n</script>'
+        )
     return (
         f'<!doctype html>\n<html lang="{language}">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
@@ -272,7 +204,7 @@ def _told(sections: Sequence[Section], head: str) -> Iterator[Section]:
                 continue
             said.append(key)
             kept.append(sentence)
-        return " ".join(kept)
+        return type(text)(" ".join(kept))
 
     def with_fresh_caption(item: Item) -> Item:
         if isinstance(item, Table):
@@ -293,36 +225,32 @@ def _key(sentence: str) -> str:
 
 
 def _section(section: Section, words: Words) -> str:
-    own = "" if section.translated else _of(words)
-    told = [f"<p{own}>{html.escape(sentence)}</p>" for sentence in section.words]
-    shown = [_item(one, words, own) for one in section.shown]
+    told = [f"<p{_of(one)}>{html.escape(one)}</p>" for one in section.words]
+    shown = [_item(one, words) for one in section.shown]
     inside = "\n".join(told + shown)
-    heading = words.heading(section.heading)
-    of = _of(words) if heading is None else ""
-    return (
-        f"<section>\n<h2{of}>{html.escape(heading or section.heading)}</h2>\n{inside}\n"
-        "</section>"
-    )
+    heading = f"<h2{_of(section.heading)}>{html.escape(section.heading)}</h2>"
+    return f"<section>\n{heading}\n{inside}\n</section>"
 
 
-def _of(words: Words) -> str:
+def _of(text: str) -> str:
     """Mark English text on a page of another language."""
-    return "" if words.language == "en" else ' lang="en"'
+    return ' lang="en"' if isinstance(text, English) else ""
 
 
-def _item(shown: Item, words: Words, own: str) -> str:
+def _item(shown: Item, words: Words) -> str:
     if isinstance(shown, Table):
-        return _table(shown, words, own)
+        return _table(shown)
     if isinstance(shown, PoleChoice):
         return _pole_choice(shown, words)
-    return _chart(shown, own) if isinstance(shown, Chart) else _scene(shown, words)
+    return _chart(shown) if isinstance(shown, Chart) else _scene(shown, words)
 
 
 def _pole_choice(choice: PoleChoice, words: Words) -> str:
-    content = json.dumps({"ending": choice.ending, "text": choice.text}).replace("<", "\\u003c")
-    drawn = _chart(choice.chart, _of(words))
+    content = json.dumps(
+        {"ending": choice.ending, "text": choice.text, "words": words.group("poles")}
+    ).replace("<", "\\u003c")
     return (
-        f'<div class="choice">{drawn}\n<div class="poles"{_of(words)}>'
+        f'<div class="choice">{_chart(choice.chart)}\n<div class="poles">'
         f'<script type="application/json">{content}</script></div></div>'
     )
 
@@ -331,18 +259,15 @@ def _scene(scene: Scene, words: Words) -> str:
     content = json.dumps(scene.scene, allow_nan=False).replace("<", "\\u003c")
     return (
         f'<figure><div class="scene"><script type="application/json">{content}</script></div>\n'
-        f"<figcaption{_of(words)}>{html.escape(scene.words)}</figcaption></figure>"
+        f"<figcaption{_of(scene.words)}>{html.escape(scene.words)}</figcaption></figure>"
     )
 
 
-def _table(table: Table, words: Words, own: str) -> str:
-    head = "".join(
-        f'<th scope="col">{html.escape(words.heading(cell) or cell)}</th>'
-        for cell in table.headings
-    )
+def _table(table: Table) -> str:
+    head = "".join(f'<th scope="col">{html.escape(cell)}</th>' for cell in table.headings)
     rows = "\n".join("<tr>" + "".join(map(_cell, row)) + "</tr>" for row in table.rows)
     caption = html.escape(table.caption)
-    caption = f"<caption{own}>{caption}</caption>" if caption else ""
+    caption = f"<caption{_of(table.caption)}>{caption}</caption>" if caption else ""
     return (
         f'<div class="wide"><table>{caption}<thead><tr>{head}</tr></thead>'
         f"<tbody>{rows}</tbody></table></div>"
@@ -355,14 +280,14 @@ def _cell(text: str) -> str:
     return f"<td{whole}>{html.escape(text)}</td>"
 
 
-def _chart(chart: Chart, of: str = "") -> str:
+def _chart(chart: Chart) -> str:
     """Write a chart above its caption, in one block, which page breaks do not divide."""
     figure = json.dumps({"data": chart.data, "layout": chart.layout}, allow_nan=False)
     figure = figure.replace("<", "\\u003c")
-    caption = html.escape(chart.words if chart.caption is None else chart.caption)
+    told = chart.words if chart.caption is None else chart.caption
     hint = f' <span class="hint">{html.escape(chart.hint)}</span>' if chart.hint else ""
     return (
         f'<figure><div class="chart" role="img" aria-label="{html.escape(chart.words)}">'
         f'<script type="application/json">{figure}</script></div>\n'
-        f"<figcaption{of}>{caption}{hint}</figcaption></figure>"
+        f"<figcaption{_of(told)}>{html.escape(told)}{hint}</figcaption></figure>"
     )

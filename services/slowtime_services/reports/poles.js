@@ -4,23 +4,24 @@ const MOST_EDITS = 500;
 
 function choosePoles(place) {
   const chart = place.querySelector(".chart"), panel = place.querySelector(".poles");
-  const { ending, text } = JSON.parse(panel.querySelector("script").textContent);
+  const { ending, text, words } = JSON.parse(panel.querySelector("script").textContent);
   // Of the page as it is called now, so that its contents do not depend on its name.
   const page = decodeURIComponent(location.pathname.split("/").at(-1)), name = page.replace(/\.[^.]*$/, "") + ending;
   const edits = new Map();
+  const say = (key, values = {}) => words[key].replace(/\{(\w+)\}/g, (_, value) => values[value]);
   const make = (tag, words, attributes = {}) => Object.assign(document.createElement(tag), { textContent: words, ...attributes });
   const hz = make("input", "", { type: "number", min: 0, step: "any" });
   const order = make("input", "", { type: "number", min: 1, step: 1 });
-  const list = make("ol", ""), told = make("p", ""), save = make("button", "Save the choice of modes", { type: "button" });
+  const list = make("ol", ""), told = make("p", ""), save = make("button", say("save"), { type: "button" });
   told.setAttribute("role", "status");
 
   const lines = (edit) => [`- ${edit.action}: ${edit.hz}`, ...(edit.order ? [`  order: ${edit.order}`] : [])];
-  const words = (edit) => `${edit.action} ${edit.hz} Hz${edit.order ? `, order ${edit.order}` : ""}`;
+  const named = (edit) => `${edit.action} ${edit.hz} Hz${edit.order ? `, order ${edit.order}` : ""}`;
 
   function show() {
     list.replaceChildren(...[...edits].map(([key, edit]) => {
-      const item = make("li", `${words(edit)} `);
-      const remove = make("button", "Remove", { type: "button", ariaLabel: `Remove: ${words(edit)}` });
+      const item = make("li", `${named(edit)} `);
+      const remove = make("button", say("remove"), { type: "button", ariaLabel: `${say("remove")}: ${named(edit)}` });
       remove.addEventListener("click", () => { edits.delete(key); show(); save.focus(); });
       item.append(remove);
       return item;
@@ -30,28 +31,28 @@ function choosePoles(place) {
 
   // The same pole again takes its edit back.
   function toggle(edit) {
-    const key = words(edit);
+    const key = named(edit);
     if (!edits.delete(key)) {
-      if (edits.size >= MOST_EDITS) { told.textContent = `At most ${MOST_EDITS} poles can be chosen.`; return; }
+      if (edits.size >= MOST_EDITS) { told.textContent = say("most", { n: MOST_EDITS }); return; }
       edits.set(key, edit);
     }
-    told.textContent = edits.has(key) ? `Chosen: ${key}.` : `Taken back: ${key}.`;
+    told.textContent = say(edits.has(key) ? "chosen" : "back", { edit: key });
     show();
   }
 
   function typed(action) {
-    if (!(hz.valueAsNumber > 0)) { told.textContent = "Give a frequency above 0 Hz."; hz.focus(); return; }
+    if (!(hz.valueAsNumber > 0)) { told.textContent = say("above_zero"); hz.focus(); return; }
     const number = action === "keep" && order.valueAsNumber > 0 ? Math.round(order.valueAsNumber) : null;
     toggle({ action, hz: hz.valueAsNumber, order: number });
   }
 
   const ask = make("p", "");
-  for (const [label, field] of [["Frequency [Hz] ", hz], ["Model order, if it matters ", order]]) {
-    const around = make("label", label);
+  for (const [label, field] of [["frequency", hz], ["order", order]]) {
+    const around = make("label", `${say(label)} `);
     around.append(field);
     ask.append(around, " ");
   }
-  for (const [action, label] of [["keep", "Keep"], ["drop", "Drop"]]) {
+  for (const [action, label] of [["keep", say("keep")], ["drop", say("drop")]]) {
     const act = make("button", label, { type: "button" });
     act.addEventListener("click", () => typed(action));
     ask.append(act, " ");
@@ -61,17 +62,17 @@ function choosePoles(place) {
     const link = make("a", "", { href: URL.createObjectURL(file), download: name });
     link.click();
     URL.revokeObjectURL(link.href);
-    told.textContent = `Saved as ${name}. Give it to: slowtime identify … --select ${name}`;
+    told.textContent = say("saved", { name });
   });
   panel.append(
-    make("p", "Click a pole: one of a mode drops that mode, another is kept as a mode. Or type it; the same once more takes it back."),
+    make("p", say("how")),
     ask, list, save, told);
   show();
 
   chart.on("plotly_click", ({ points }) => {
-    const point = points.find(({ data }) => data.name === "mode" || data.name === "other pole");
+    const point = points.find(({ data }) => data.meta === "mode" || data.meta === "other pole");
     if (!point) return;
-    const keeps = point.data.name === "other pole";
+    const keeps = point.data.meta === "other pole";
     toggle({ action: keeps ? "keep" : "drop", hz: keeps ? point.x : point.customdata, order: keeps ? point.y : null });
   });
 }

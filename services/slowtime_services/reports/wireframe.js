@@ -41,8 +41,18 @@ const ENGLISH = {
   sensor_measures: "Sensor measures", sensor_missing: "Sensor missing from the reading", sensor_silent: "Sensor silent", sensors: "{health}: {names}.",
   legend_scale: "Displacements are strongly exaggerated.", legend_turn: "Drag sideways or press the arrow keys to rotate.",
 };
-const english = (key, values = {}) => ENGLISH[key].replace(/\{(\w+)\}/g, (_, name) => values[name]);
+const english = saying(ENGLISH);
 const SPOKEN = { words: english, digits: plain, fixed: (x, places) => x.toFixed(places) };
+
+function saying(messages) {
+  return (key, values = {}) => messages[key].replace(/\{(\w+)\}/g, (_, name) => values[name]);
+}
+
+/** Words and numbers of a report in another language. */
+function spokenIn(messages, decimal) {
+  const written = (text) => text.replace(".", decimal);
+  return { words: saying(messages), digits: (x, places) => written(plain(x, places)), fixed: (x, places) => written(x.toFixed(places)) };
+}
 
 /** "2.31 Hz measured, 2.29 Hz in the model, MAC 0.98". */
 export function said({ measured_hz: seen, measured_sd_hz: sd, model_hz: own, mac }, { words, digits, fixed } = SPOKEN) {
@@ -388,9 +398,11 @@ export class WireframeView {
 }
 
 /** Draw every scene that a report holds. */
-export function drawAll() {
+/** `messages` as `ENGLISH`, and the mark of decimals, for a report in another language. */
+export function drawAll(messages = ENGLISH, decimal = ".") {
+  const spoken = spokenIn(messages, decimal);
   for (const place of document.querySelectorAll(".scene")) {
-    const view = new WireframeView(JSON.parse(place.querySelector("script").textContent));
+    const view = new WireframeView(JSON.parse(place.querySelector("script").textContent), { spoken });
     place.replaceChildren(view.root);
   }
 }

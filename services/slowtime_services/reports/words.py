@@ -2,10 +2,13 @@
 
 import functools
 import math
+import re
 from pathlib import Path
 from typing import Any
 
 from slowtime_services.documents.document_files import read_json_file
+
+from .translation import NUMBER, Translation
 
 FOLDER = Path(__file__).parent / "messages"
 LANGUAGES = ("en", "de")
@@ -44,6 +47,7 @@ class Words:
             )
         self.language = language
         self._messages = _catalogue(language)
+        self._translation = _translation(language)
 
     def __call__(self, key: str, **values: Any) -> str:
         """Return a message with values in the places of their names."""
@@ -65,9 +69,35 @@ class Words:
         found: str | None = self._messages["headings"].get(english)
         return found
 
+    def told(self, english: str) -> str | None:
+        """Return what the analysis says in this language; None where it has no words for it.
+
+        Examples
+        --------
+        >>> Words("de").told("Nothing is missing beyond the stated tolerances.")
+        'Nichts fehlt über die angegebenen Toleranzen hinaus.'
+        """
+        return english if self.language == "en" else self._translation(english)
+
     def reason(self, english: str) -> str:
-        """Return a reason of the analysis in this language; in English where it has none."""
-        return str(self._messages.get("reasons", {}).get(english, english))
+        """Return what the analysis says in this language; in English where it has no words."""
+        return self.told(english) or english
+
+    def phrase(self, english: str) -> str:
+        """Return a phrase in this language; of what it has no words for, only the numbers.
+
+        Examples
+        --------
+        >>> Words("de").phrase("gap before the stop = 1.25 mm, a1 1,234.5 on 2026-01-02")
+        'Spalt vor dem Anschlag = 1,25 mm, a1 1.234,5 on 2026-01-02'
+        """
+        return english if self.language == "en" else self._translation.phrase(english)
+
+    def group(self, name: str) -> dict[str, str]:
+        """Return all messages whose keys begin with a name and a dot, without these."""
+        start = f"{name}."
+        every: dict[str, str] = self._messages["messages"]
+        return {k.removeprefix(start): said for k, said in every.items() if k.startswith(start)}
 
     def number(self, value: float, digits: int = 3) -> str:
         """Write a number with so many significant digits.
@@ -123,6 +153,20 @@ class Words:
     def percent(self, share: float, digits: int = 3) -> str:
         """Write a share in percent."""
         return f"{self.number(100.0 * share, digits)} %"
+
+
+def _german_number(found: re.Match[str]) -> str:
+    return found[0].translate({ord(","): ".", ord("."): ","})
+
+
+@functools.cache
+def _translation(language: str) -> Translation:
+    catalogue = _catalogue(language)
+    return Translation(
+        catalogue["sentences"],
+        catalogue["joints"],
+        lambda text: NUMBER.sub(_german_number, text) if language == "de" else text,
+    )
 
 
 @functools.cache

@@ -19,8 +19,11 @@ from slowtime.discrepancy.diagnosis import (
     Traces,
     When,
 )
+from slowtime.discrepancy.quoting import sentence_of
+from slowtime.discrepancy.report.notes import HURRIED, NOT_HELD_OUT
 from slowtime.dynamics.description import Description, Input, Node, Sensor, Spring, Tolerance
 from slowtime.dynamics.effects import Effect, Place
+from slowtime.dynamics.effects.effect_catalogue import catalogue
 from slowtime_services.diagnose import Source
 from slowtime_services.files import Record
 from slowtime_services.models import run_model
@@ -78,6 +81,7 @@ def told() -> Diagnosis:
     """A diagnosis of the slide as one would come out."""
     named = {"k3_n_per_m3": Number(1.99e5, 300.0, "N/m^3")}
     effect = Effect("cubic_hardening", Place("element", "j"), {"k3_n_per_m3": 1.99e5})
+    sentence = sentence_of(catalogue()[effect.kind], effect.place, named)
     augmented = dataclasses.replace(SLIDE, effects=(effect.entry(),))
     measured = np.sin(np.arange(2.0 * SAMPLES))[:, None] * [1e-2, 1.0]
     traces = Traces(
@@ -91,7 +95,7 @@ def told() -> Diagnosis:
     flat = np.ones((40, 2))
     return Diagnosis(
         verdict="missing_effect",
-        sentence="Cubic hardening at element j: k3_n_per_m3 = 1.99e+05 ± 300 N/m^3.",
+        sentence=sentence,
         effects=(
             NamedEffect(
                 effect=effect,
@@ -99,7 +103,7 @@ def told() -> Diagnosis:
                 numbers=named,
                 probability=0.98,
                 rivals=(Rival("gap_symmetric", Place("element", "j"), 0.02),),
-                sentence="Cubic hardening at element j.",
+                sentence=sentence,
             ),
         ),
         undecided=(),
@@ -107,7 +111,13 @@ def told() -> Diagnosis:
         nothing_probability=0.0,
         moved={"stiffness j": Number(850.0, 1.0, "N/m")},
         where=(Suspect(Place("element", "j"), 400.0, 0.0, 0.97),),
-        when=When(((1.0, 2.0),), ((0.5, 4.0),), "large motion", linear=False, steady=True),
+        when=When(
+            ((1.0, 2.0),),
+            ((0.5, 4.0),),
+            "The force acts at an elongation of 0.01 m rms, 0.02 m at most.",
+            linear=False,
+            steady=True,
+        ),
         findings=(Finding(fault="stuck", channel="a", spans_s=((1.0, 2.0),), share=0.1),),
         gap=Gap(
             nominal=0.5,
@@ -133,6 +143,6 @@ def told() -> Diagnosis:
             force=measured[:, 0] ** 3,
             law=measured[:, 0] ** 3,
         ),
-        notes=("Read with care.",),
+        notes=(HURRIED, NOT_HELD_OUT),
         seconds=2.5,
     )

@@ -47,7 +47,7 @@ def test_the_report_for_machines_holds_what_was_found(out):
 
 def test_the_augmented_model_reads_back_with_its_effect(out):
     text = (out / "augmented.yaml").read_text()
-    assert text.startswith("# missing_effect\n# Cubic hardening at element j")
+    assert text.startswith("# missing_effect\n# Cubic hardening (cubic_hardening) at element j")
     effect = read_description(out / "augmented.yaml").effects[0]
     assert effect["effect"] == "cubic_hardening"
     assert effect["k3_n_per_m3"] == pytest.approx(CUBIC["k3_n_per_m3"], rel=0.02)
@@ -108,13 +108,13 @@ def test_pictures_are_thinned_without_losing_an_extreme(answer):
 
 def test_the_page_stands_alone_and_begins_with_the_answer(out, answer):
     page = (out / "report.html").read_text()
-    assert "<title>The model lacks an effect: slide</title>" in page
-    assert "<h1>The model lacks: cubic hardening at element j (k3 " in page
-    assert page.index("<h1") < page.index("The gap") < page.index("Cubic hardening at element")
+    assert "<title>Diagnosis: slide</title>" in page
+    assert "<h1>The model lacks: cubic hardening at element j (cubic stiffness " in page
+    assert page.index("<h1") < page.index("The gap") < page.index("Cubic hardening (cubic_hardening)")
     for heading in ("The force recovered", "What is left", "Where and when", "Constants"):
         assert f"<h2>{heading}</h2>" in page
     assert 'src="http' not in page
-    assert "<td>k3 = " in page  # the number carries the unit, and the name need not
+    assert "<td>cubic stiffness = " in page
 
 
 def test_names_out_of_models_are_shown_and_never_run(tmp_path, answer):

@@ -104,8 +104,9 @@ def reliability(path: Path, language: str) -> None:
     }
     problem = Problem(inputs, lambda x: x[:, 0] - x[:, 1])
     found = [estimate(problem, name, seed=1) for name in ("form", "monte-carlo")]
+    refused = {"system": "No part has a design point. Use a sampling method instead."}
     write_reliability_report(
-        path, "beam.yaml", problem, found, {"system": "one limit state"}, seed=1,
+        path, "beam.yaml", problem, found, refused, seed=1,
         stated=Stated(
             name="Beam", failure="the beam breaks", period="50 years", accepted=0.01,
             units={"strength": "MPa", "load": "MPa"},
@@ -133,6 +134,12 @@ def plan(path: Path, language: str) -> None:
     write_plan_report(path, plan_answer(), language=language)
 
 
+LEARNING = (
+    "The nominal model is still being learnt from the first epochs. Wait, or give the "
+    "nominal frequency and damping ratio in the twin's registration."
+)
+
+
 def states(loss=0.25, sd=0.01):
     """Epochs of a beam that loses stiffness evenly."""
     return [
@@ -140,7 +147,7 @@ def states(loss=0.25, sd=0.01):
             "slow_time": float(k),
             "slow_time_unit": "d",
             "valid": k > 2,
-            "reasons": [] if k > 2 else ["The reference is being learnt."],
+            "reasons": [] if k > 2 else [LEARNING],
             "frequency_hz": {"value": 3.0 * (1 - loss * k / 40) ** 0.5, "sd": 0.01},
             "stiffness_change": {"value": -loss * k / 40, "sd": sd},
         }

@@ -87,7 +87,7 @@ def plan_page(
             kind="plan",
             subject=subject,
             question=question,
-            answer=words("plan.act.none", reason=plan["sentence"]),
+            answer=words("plan.act.none", reason=words.reason(plan["sentence"])),
             measured=words("measured.unknown"),
             confidence=Confidence("low", "", words("confidence.none")),
             actions=[words("plan.do_again")],

@@ -185,7 +185,7 @@ def limit_state_text(problem: Problem) -> str:
 
 
 def _definition(problem: Problem, stated: Stated, words: Words) -> str:
-    formula = stated.formula or limit_state_text(problem)
+    formula = stated.formula or words.reason(limit_state_text(problem))
     if len(formula) > MOST_LETTERS:
         formula = f"{formula[:MOST_LETTERS].rsplit(' ', 1)[0]} …"
     if stated.failure:
@@ -275,7 +275,7 @@ def _actions(
     if verdict != "unstated" and (best.interval is not None or verdict == "exceeded"):
         yield words(f"reliability.do_{verdict}")
     for warning in best.warnings:
-        yield words("reliability.do_warning", method=best.method, warning=warning)
+        yield words("reliability.do_warning", method=best.method, warning=words.reason(warning))
     if best.interval is None:
         yield words("reliability.do_sample")
     if verdict == "unstated":
@@ -327,7 +327,8 @@ def _inputs(problem: Problem, stated: Stated) -> Table:
         "A unit is empty where the file does not state it. A row of several inputs has the "
         "numbers of each."
     )
-    return Table(("input", "mean", "standard deviation", "unit"), rows, caption)
+    heads = ("input", "mean", "standard deviation", "unit")
+    return Table(heads, rows, caption, names=("input", "unit"))
 
 
 def _design_points(
@@ -368,4 +369,4 @@ def _sections(
     if listed:
         told = "Importance is α², the share of the variance at the design point, of each input."
         names = ("point", "beta [1]", "input", "value", "importance [%]")
-        yield Section("Design points", (), [Table(names, listed, told)])
+        yield Section("Design points", (), [Table(names, listed, told, names=("input",))])
