@@ -27,7 +27,7 @@ from .constants import (
     changes_of,
     listed_changes,
 )
-from .labels import meaning_of, named, number
+from .labels import meaning_of, named, number, raised
 
 MOST_RIVALS, LEAST = 4, 0.01
 """Rivals that stand beside the answer [1], and the least probability of one [1]. Source: below
@@ -99,7 +99,8 @@ def _effect(effect: FoundEffect, words: Words) -> str:
     place = place_in(effect.where, words)
     what = words("diagnosis.at", effect=effect_in(effect.effect, words), place=place)
     numbers = [
-        f"{words.reason(meaning_of(effect.effect, name, n.unit))} {words.localised(number(n))}"
+        f"{words.reason(meaning_of(effect.effect, name, n.unit))} "
+        f"{words.phrase(raised(number(n)))}"
         for name, n in effect.parameters.items()
         if n.sd > 0
     ][:MOST_NUMBERS]

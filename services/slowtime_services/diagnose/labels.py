@@ -111,6 +111,17 @@ def number(estimated: Estimated) -> str:
     return f"{text} {estimated.unit}".rstrip()
 
 
+def raised(text: str) -> str:
+    """Write powers of units as raised digits.
+
+    Examples
+    --------
+    >>> raised("200 ± 5 N/m^3")
+    '200 ± 5 N/m³'
+    """
+    return text.replace("^2", "²").replace("^3", "³").replace("^5", "⁵")
+
+
 def rounded(values: Float[np.ndarray, " point"]) -> list[float | None]:
     """Round to six digits, enough for a chart; None for values that are not finite.
 

@@ -137,7 +137,7 @@ def _whiteness(document: DiagnosisFile) -> list[str]:
 def _where(document: DiagnosisFile) -> Section:
     rows = [
         (
-            placed(place.kind, place.id), f"{place.score:.4g}", rare(place.p_value),
+            placed(place.kind, place.id), Words().number(place.score, 4), rare(place.p_value),
             f"{100 * place.share:.3g} %",
         )
         for place in document.where

@@ -116,6 +116,18 @@ class Words:
         power = exponent.lstrip("+").replace("−0", "−").lstrip("0").translate(RAISED)
         return f"{text}·10{power}"
 
+    def digits(self, value: float, digits: int) -> str:
+        """Write a number with all of so many significant digits, zeros at its end included.
+
+        Examples
+        --------
+        >>> Words().digits(3.0, 4), Words("de").digits(8.40312, 4), Words().digits(12345.0, 4)
+        ('3.000', '8,403', '12,300')
+        """
+        if not 1.0 <= abs(value) < 10.0 ** (digits - 1):
+            return self.number(value, digits)
+        return self.localised(f"{value:#.{digits}g}")
+
     def measured(self, value: float, sd: float) -> tuple[str, str]:
         """Write a number and its standard deviation, to two digits of the latter.
 

@@ -110,7 +110,11 @@ def test_the_page_stands_alone_and_begins_with_the_answer(out, answer):
     page = (out / "report.html").read_text()
     assert "<title>Diagnosis: slide</title>" in page
     assert "<h1>The model lacks: cubic hardening at element j (cubic stiffness " in page
-    assert page.index("<h1") < page.index("The gap") < page.index("Cubic hardening (cubic_hardening)")
+    assert (
+        page.index("<h1")
+        < page.index("The gap")
+        < page.index("Cubic hardening (cubic_hardening)")
+    )
     for heading in ("The force recovered", "What is left", "Where and when", "Constants"):
         assert f"<h2>{heading}</h2>" in page
     assert 'src="http' not in page

@@ -45,7 +45,7 @@ from tests.services.reports.reports_of_each_kind import (
 
 SAYS = {
     ("modes", "en"): ["Which modes of vibration does “tower” have?", "2.5000 ± 0.0050 Hz",
-                      "1.20 ± 0.10 %", "7 Hz", "few orders", "10 Hz", "40 Hz", "600 s",
+                      "1.20 ± 0.10 %", "7 Hz", "few orders", "10.00 Hz", "40 Hz", "600 s",
                       "Data tower.csv", "Measured (UTC) 2026-03-04 10:20"],
     ("modes", "de"): ["Welche Moden hat „tower“?", "2,5000 ± 0,0050 Hz", "1,20 ± 0,10 %",
                       "Abtastrate", "eine Mode verdecken können"],
@@ -217,6 +217,36 @@ def test_a_state_is_counted_from_the_reference_that_there_is():
         assert not re.search("as built|seit dem Bau", page.answer + page.definition)
 
 
+def test_a_state_in_seconds_of_the_calendar_has_dates(tmp_path):
+    told = [
+        one | {"slow_time": 1.77e9 + 86400.0 * k, "slow_time_unit": "s",
+               "t_ns": round(1e9 * (1.77e9 + 86400.0 * k))}
+        for k, one in enumerate(states())
+    ]  # fmt: skip
+    page = state_page("b", told, "stiffness", Words("en"))
+    assert page.answer.startswith("At 2026-03-14 02:40 UTC the natural frequency")
+    facts = dict(page.facts)
+    assert (facts["From"], facts["Until"]) == ("2026-02-02 02:40 UTC", "2026-03-14 02:40 UTC")
+    path = tmp_path / "state.html"
+    write_state_report(path, "b.csv", told, "stiffness")
+    text = path.read_text(encoding="utf-8")
+    assert "<td>2026-03-14 02:40</td>" in text
+    assert "10⁹" not in text
+    drawn = re.search(r'<script type="application/json">(.*?)</script>', text)
+    assert drawn is not None
+    figure = json.loads(drawn[1])
+    assert figure["layout"]["xaxis"]["title"]["text"] == "date (UTC)"
+    assert figure["data"][1]["x"][-1] == "2026-03-14 02:40"
+
+
+def test_a_plan_names_what_it_is_compared_with_however_dear(tmp_path):
+    plan = plan_answer()
+    plan["options"][2]["cost"]["value"] = 9e6
+    named = [one.name for one in plan_page(plan, Words("en")).alternatives]
+    assert named[0] == "order the repair now, done in 0.5 years"
+    assert len(named) == 2
+
+
 def test_a_german_state_is_german_to_its_last_row(tmp_path):
     told, path = states() * 2, tmp_path / "state.html"
     learning = (
@@ -379,7 +409,9 @@ def test_a_plan_that_closes_until_the_repair_says_to_order_it():
     )
     assert any(action.startswith("Order now: done 2027-05-22") for action in page.actions)
     plan["options"][0] |= {"name": "close", "parameters": {}}
-    assert plan_page(plan, Words("en")).answer.startswith("Take it out of service now. ")
+    assert plan_page(plan, Words("en")).answer.startswith(
+        "Take it out of service now, for good. "
+    )
 
 
 def test_of_many_observations_the_most_valuable_are_listed_and_the_others_counted():
@@ -514,10 +546,10 @@ def test_a_mode_that_may_be_another_or_a_line_is_no_mode_without_reservations():
     assert page.confidence.level == "low"
     assert page.confidence.number.startswith("1 of 4 modes are without reservations")
     assert {one.name: one.measure for one in page.alternatives} == {
-        "2.5; 3.1 Hz": "the channels do not tell them apart: some may be one mode, or its "
+        "2.500; 3.100 Hz": "the channels do not tell them apart: some may be one mode, or its "
         "vibration at another frequency",
         "10.05 Hz": "beside a machine’s line at 10 Hz",
-        "10 Hz": "lines of machines, which may hide a mode",
+        "10.00 Hz": "lines of machines, which may hide a mode",
     }
 
 
@@ -530,7 +562,7 @@ def test_modes_beyond_the_channels_and_those_flagged_beside_a_line_are_doubtful(
     causes = [[one.cause for one in every] for every in doubts_of(result, Words("de"))]
     assert causes == [["beside_line"], [], [], ["beyond"]]
     page = modes_page("t", result, CHANNELS, Words("de"))
-    assert page.answer.startswith("2 Moden sind brauchbar: 3; 4 Hz; 2 weitere sind zweifelhaft")
+    assert page.answer.startswith("2 Moden sind brauchbar: 3,000; 4,000 Hz; 2 weitere sind")
     # As many modes as channels are no reason for doubt, however alike two of them are.
     assert doubts_of(modal_result_of(tuple(modes[1:])), Words("de")) == [[], [], []]
 

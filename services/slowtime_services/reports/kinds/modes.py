@@ -197,7 +197,7 @@ def _model_action(compared: Sequence[Compared], words: Words) -> str:
 
 def _listed(modes: Sequence[Mode], words: Words) -> str:
     """List frequencies; of many the first, and how many more there are."""
-    shown = [words.number(mode.frequency_hz.value, 4) for mode in modes[:MOST_LISTED]]
+    shown = [words.digits(mode.frequency_hz.value, 4) for mode in modes[:MOST_LISTED]]
     more = len(modes) - len(shown)
     rest = f" {words('modes.more', n=more)}" if more else ""
     return f"{'; '.join(shown)} Hz{rest}"

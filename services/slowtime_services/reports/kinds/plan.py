@@ -31,10 +31,6 @@ from .plan_pictures import change_chart, cost_chart
 
 Answer = Mapping[str, Any]
 
-NEAR = 0.1
-"""Share of the least cost [1] by which an option may cost more and still stand beside the
-answer. Source: costs that owners state are seldom known better."""
-
 SAME = 1e-3
 """Share of the least cost [1] below which two options cost the same: less than is printed."""
 
@@ -148,7 +144,11 @@ def _last_reading(plan: Answer, words: Words) -> str:
     """Write the instant of the last reading, in slow time and by the calendar if known."""
     own = unit_of({**plan, "time_unit": "slow_time"}, words)
     since, told = f"{words.number(plan['since'], 6)} {own}", plan["times"][0]["t"]
-    return f"{since}, {told[:16].replace('T', ' ')} UTC" if told else since
+    if not told:
+        return since
+    date = f"{told[:16].replace('T', ' ')} UTC"
+    # Seconds since 1970 tell nobody more than their date.
+    return date if own == "s" else f"{since}, {date}"
 
 
 def _is_gone(plan: Answer) -> bool:
@@ -208,16 +208,9 @@ def _confidence(plan: Answer, words: Words) -> Confidence:
 
 
 def _alternatives(plan: Answer, words: Words) -> Iterator[Alternative]:
-    least = plan["options"][0]["cost"]["value"]
+    """Give the best option that does something else now, then the cheapest of the others."""
     other = None if plan["difference"] is None else plan["difference"]["other"]
-    beside = [
-        option
-        for option in plan["options"][1:]
-        if option["cost"]["value"] <= least * (1 + NEAR)
-        or (option["words"] == other and not plan["decided"])
-    ]
-    # The option that does something else now comes first: it is what is to be decided.
-    beside.sort(key=lambda option: option["words"] != other)
+    beside = sorted(plan["options"][1:], key=lambda option: option["words"] != other)
     for option in beside[:MOST_BESIDE]:
         cost = money_of(plan, option["cost"]["value"], words)
         name = option_words(option, plan, words)

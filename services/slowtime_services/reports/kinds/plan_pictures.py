@@ -121,7 +121,9 @@ def _marks(plan: Answer, words: Words) -> Iterator[Mark]:
     """Give the date of the recommended action, and the last at which an order is in time."""
     when = recommended(plan)
     if when is not None:
-        told = words(f"plan.mark_{when[0]}", when=moment_of(plan, when[1], words))
+        at_once = when[1]["ahead"] == 0.0
+        moment = words("plan.now") if at_once else moment_of(plan, when[1], words)
+        told = words(f"plan.mark_{when[0]}", when=moment)
         yield Mark(when[1]["ahead"], told, "solid")
     last = plan["last_order"]
     if last["status"] == "due":
@@ -133,6 +135,8 @@ def recommended(plan: Answer) -> tuple[str, Mapping[str, Any]] | None:
     """Give what the best option does first, and when; None where it does nothing on a date."""
     best = plan["options"][0]
     given, name = best["parameters"], best["name"]
+    if name == "close":
+        return "close", _instant(plan, 0.0)
     for kind, names, key in (
         ("repair", DONE, "at"), ("order", ORDERED, "order"),
         ("inspect", INSPECTED, "at"), ("decide", DECIDED, "at"),

@@ -349,13 +349,13 @@ def _design_points(
 def _sections(
     problem: Problem, found: Sequence[Result], refused: Mapping[str, str], stated: Stated
 ) -> Iterator[Section]:
-    rows = []
+    rows, english = [], Words()
     for one in found:
         told = one.no_interval
         if one.interval is not None:
-            told = f"{one.interval[0]:.3g} to {one.interval[1]:.3g}"
+            told = " to ".join(english.number(end) for end in one.interval)
         cov = "" if one.variation is None else f"{100 * one.variation:.1f}"
-        cells = one.method, f"{one.probability:.3e}", told, f"{one.beta:.3f}", cov
+        cells = one.method, english.number(one.probability, 4), told, f"{one.beta:.3f}", cov
         rows.append((*cells, str(one.calls)))
     heads = ("method", "P_f [1]", "95 % interval [1]", "beta [1]", "c.o.v. [%]", "calls [1]")
     notes = [f"{one.method}: {warning}" for one in found for warning in one.warnings]

@@ -2,6 +2,7 @@
 
 import collections
 import dataclasses
+import datetime
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from slowtime.evolution.events.change_detection import candidate_jump_times
+from slowtime_schemas.slow_times import FIRST_CLOCK_S
 from slowtime_services.reports.first_page import (
     LIKELY,
     SURE,
@@ -163,10 +165,29 @@ def state_page(
 
 def _instant(state: State, words: Words) -> str:
     """Write the instant of an epoch, in slow time and by the calendar if known."""
-    unit = _unit(state["slow_time_unit"] or "", words)
-    own = f"{words.number(state['slow_time'], 6)} {unit}"
+    own = _slow_time(state, words)
     date = measured_on([(state.get("t_ns"), None)], words)
-    return own if date == words("measured.unknown") else f"{own} ({date} UTC)"
+    if date == words("measured.unknown"):
+        return own
+    # Seconds since 1970 tell nobody more than their date.
+    return f"{date} UTC" if state["slow_time_unit"] == "s" else f"{own} ({date} UTC)"
+
+
+def _slow_time(state: State, words: Words) -> str:
+    unit = _unit(state["slow_time_unit"] or "", words)
+    return f"{words.number(state['slow_time'], 6)} {unit}"
+
+
+def _dates(states: Sequence[State]) -> list[str] | None:
+    """Give the dates of states whose slow time is the calendar, in seconds; else None."""
+    times = [state.get("t_ns") for state in states if state["slow_time_unit"] == "s"]
+    known = [at for at in times if at is not None and at >= FIRST_CLOCK_S * 1e9]
+    if not known or len(known) < len(states):
+        return None
+    return [
+        f"{datetime.datetime.fromtimestamp(at / 1e9, datetime.UTC):%Y-%m-%d %H:%M}"
+        for at in known
+    ]
 
 
 def _since(reference: Reference, words: Words) -> str:
@@ -327,11 +348,10 @@ def _alternatives(
 
 
 def _facts(name: str, states: Sequence[State], words: Words) -> Iterator[tuple[str, str]]:
-    unit = states[-1]["slow_time_unit"] or ""
     invalid = collections.Counter(r for state in states for r in state["reasons"])
     yield words("facts.data"), name
     for key, state in (("facts.from", states[0]), ("facts.until", states[-1])):
-        yield words(key), f"{words.number(state['slow_time'], 6)} {_unit(unit, words)}"
+        yield words(key), _instant(state, words)
     yield words("facts.epochs"), str(len(states))
     count = sum(not state["valid"] for state in states)
     reasons = "; ".join(words.reason(reason) for reason, _ in invalid.most_common(2))
@@ -347,7 +367,7 @@ def _picture(states: Sequence[State], changes: str, words: Words) -> Chart:
     traces: list[dict[str, Any]] = []
     for name, colour in zip(_wanted(changes), ("#0b6fb8", "#b3541e"), strict=False):
         valid = [s for s in states if s["valid"] and s[f"{name}_change"] is not None]
-        x = [state["slow_time"] for state in valid]
+        x = _dates(valid) or [state["slow_time"] for state in valid]
         of = [state[f"{name}_change"] for state in valid]
         lo, hi = ([100 * (e["value"] + side * e["sd"]) for e in of] for side in (-1.96, 1.96))
         traces += [
@@ -364,8 +384,9 @@ def _picture(states: Sequence[State], changes: str, words: Words) -> Chart:
         ]  # fmt: skip
     what = words("state.both") if changes == "both" else words(f"state.{changes}")
     unit = _unit(states[-1]["slow_time_unit"] or "", words)
+    title = words("state.axis_time", unit=unit)
     layout = {
-        "xaxis": {"title": {"text": words("state.axis_time", unit=unit)}},
+        "xaxis": {"title": {"text": words("state.date") if _dates(states) else title}},
         "yaxis": {"title": {"text": words("state.axis")}},
         "showlegend": len(_wanted(changes)) > 1,
     }
@@ -382,19 +403,21 @@ def _sections(states: Sequence[State], changes: str, words: Words) -> Iterator[S
             return "–"
         return " ± ".join(words.measured(factor * estimate["value"], factor * estimate["sd"]))
 
+    dates = _dates(states)
     rows = [
         (
-            words.number(state["slow_time"], 6),
+            words.number(state["slow_time"], 6) if dates is None else dates[k],
             cell(state["frequency_hz"], 1.0),
             *(cell(state[name], 100.0) for name in wanted),
             words("yes" if state["valid"] else "no"),
         )
         # From the last on, which the first page is about.
-        for state in states[::-1][::every][::-1]
+        for k, state in list(enumerate(states))[::-1][::every][::-1]
     ]
     unit = _unit(states[-1]["slow_time_unit"] or "", words)
+    slow = f"{words.heading('slow time') or 'slow time'} [{unit}]"
     heads = (
-        f"{words.heading('slow time') or 'slow time'} [{unit}]",
+        slow if dates is None else words("state.date"),
         "frequency [Hz]",
         *(f"{name.replace('_', ' ')} [%]" for name in wanted),
         "valid",
