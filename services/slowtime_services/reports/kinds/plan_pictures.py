@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from slowtime_services.reports.page import Chart
 from slowtime_services.reports.words import Words
 
-from .plan_options import moment_of, option_words, quantity_in, unit_of
+from .plan_options import is_dated, moment_of, option_words, quantity_in, unit_of
 
 Answer = Mapping[str, Any]
 Trace = dict[str, Any]
@@ -29,18 +29,22 @@ has failed would flatten all before it."""
 ROOM = 0.06
 """Room above and below what is drawn, over its height [1]."""
 
-LABELS_AT = (0.99, 0.86)
-"""Heights of the labels of dates, over that of the chart [1]."""
+TOP, BOTTOM = (0.99, "top"), (0.02, "bottom")
+"""Heights of labels over that of the chart [1], and the side from which they are counted."""
 
 DONE, ORDERED = ("repair_now", "close_until_repair"), ("repair_at",)
 INSPECTED, DECIDED = ("inspect_now", "inspect_at"), ("read_on",)
 
 
 class Mark(NamedTuple):
-    """An instant that the picture marks, ahead of the last reading, and what it is."""
+    """An instant that the picture marks, ahead of the last reading, and what it is.
+
+    `label` stands beside its line, `told` in the caption.
+    """
 
     ahead: float
     label: str
+    told: str
     dash: str
 
 
@@ -66,11 +70,11 @@ def change_chart(plan: Answer, words: Words) -> Chart | None:
             "range": [low, high],
         },
         "shapes": [_upright(mark) for mark in marks],
-        "annotations": list(_labels(marks, first + span / 2)),
+        "annotations": list(_labels(marks, first + span / 2, falls=limit < 0.0)),
     }
     told = words("plan.picture_change", quantity=quantity, limit=words.number(limit))
     if marks:
-        told += " " + words("plan.picture_dates", dates="; ".join(one.label for one in marks))
+        told += " " + words("plan.picture_dates", dates="; ".join(one.told for one in marks))
     return Chart(list(_traces(plan, limit, words)), layout, told)
 
 
@@ -121,14 +125,19 @@ def _marks(plan: Answer, words: Words) -> Iterator[Mark]:
     """Give the date of the recommended action, and the last at which an order is in time."""
     when = recommended(plan)
     if when is not None:
-        at_once = when[1]["ahead"] == 0.0
-        moment = words("plan.now") if at_once else moment_of(plan, when[1], words)
-        told = words(f"plan.mark_{when[0]}", when=moment)
-        yield Mark(when[1]["ahead"], told, "solid")
+        yield _mark(f"plan.mark_{when[0]}", when[1], plan, words, "solid")
     last = plan["last_order"]
     if last["status"] == "due":
-        told = words("plan.mark_last", when=moment_of(plan, last["order"], words))
-        yield Mark(last["order"]["ahead"], told, "dot")
+        yield _mark("plan.mark_last", last["order"], plan, words, "dot")
+
+
+def _mark(key: str, time: Mapping[str, Any], plan: Answer, words: Words, dash: str) -> Mark:
+    """Mark an instant: by its date beside the line, with the span to it in the caption."""
+    whole = moment_of(plan, time, words)
+    short = time["t"][:10] if time["t"] is not None and is_dated(plan) else whole
+    if time["ahead"] == 0.0:
+        whole = short = words("plan.now")
+    return Mark(time["ahead"], words(key, when=short), words(key, when=whole), dash)
 
 
 def recommended(plan: Answer) -> tuple[str, Mapping[str, Any]] | None:
@@ -144,7 +153,7 @@ def recommended(plan: Answer) -> tuple[str, Mapping[str, Any]] | None:
         if name in names and key in given:
             return kind, _instant(plan, given[key])
     median = best["repair"][1] if best["repair"] else None
-    return None if median is None else ("repair", median)
+    return None if median is None else ("expected", median)
 
 
 def _instant(plan: Answer, ahead: float) -> Mapping[str, Any]:
@@ -169,12 +178,19 @@ def _upright(mark: Mark) -> Trace:
     }  # fmt: skip
 
 
-def _labels(marks: Sequence[Mark], middle: float) -> Iterator[Trace]:
-    """Write each label on the side of its line that has more room."""
-    for mark, height in zip(marks, LABELS_AT, strict=False):
-        side = "left" if mark.ahead < middle else "right"
+def _labels(marks: Sequence[Mark], middle: float, *, falls: bool) -> Iterator[Trace]:
+    """Write the first label to the left of its line, where nothing is read; the last beside it.
+
+    `falls` says whether what fails falls: readings are above then, else below.
+    """
+    ranked = sorted(marks, key=lambda mark: mark.ahead)
+    free, other = (BOTTOM, TOP) if falls else (TOP, BOTTOM)
+    for mark in ranked:
+        first = len(ranked) > 1 and mark is ranked[0]
+        height, anchor = free if first else other
         yield {
-            "x": mark.ahead, "y": height, "yref": "paper", "yanchor": "top", "xanchor": side,
+            "x": mark.ahead, "y": height, "yref": "paper", "yanchor": anchor,
+            "xanchor": "left" if not first and mark.ahead < middle else "right",
             "text": mark.label, "showarrow": False, "font": {"size": 11, "color": DATE},
         }  # fmt: skip
 

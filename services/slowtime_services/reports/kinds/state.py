@@ -385,8 +385,10 @@ def _picture(states: Sequence[State], changes: str, words: Words) -> Chart:
     what = words("state.both") if changes == "both" else words(f"state.{changes}")
     unit = _unit(states[-1]["slow_time_unit"] or "", words)
     title = words("state.axis_time", unit=unit)
+    # Months as numbers are of no language.
+    dated = {"title": {"text": words("state.date")}, "tickformat": "%Y-%m-%d", "nticks": 6}
     layout = {
-        "xaxis": {"title": {"text": words("state.date") if _dates(states) else title}},
+        "xaxis": dated if _dates(states) else {"title": {"text": title}},
         "yaxis": {"title": {"text": words("state.axis")}},
         "showlegend": len(_wanted(changes)) > 1,
     }
