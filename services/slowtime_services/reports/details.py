@@ -46,9 +46,9 @@ def in_language(section: Section, words: Words) -> Section:
 def _text(english: str, words: Words) -> str:
     """Translate sentences; a formula is of no language."""
     told = words.told(english)
-    if told is not None or not WORDS.search(english):
-        return told or words.phrase(english)
-    return English(english)
+    if told is not None:
+        return told
+    return English(english) if WORDS.search(english) else english
 
 
 def _phrase(english: str, words: Words) -> str:

@@ -246,8 +246,10 @@ def test_what_nobody_has_translated_stays_and_is_marked_and_names_are_not_change
     table = Table(
         ("channel", "fault"), [("stuck", "stuck"), ("b 1.5", "3.2 %")], names=("channel",)
     )
-    section = Section("Channels", ["A plug-in found 1.5 faults."], [table])
+    formula = "1 - moment / (0.03 * yield) ≤ 0"
+    section = Section("Channels", ["A plug-in found 1.5 faults.", formula], [table])
     page = page_text("t", "l", [section], language="de")
     assert '<p lang="en">A plug-in found 1.5 faults.</p>' in page
+    assert f"<p>{formula}</p>" in page
     assert "<td>stuck</td><td>hängt fest</td>" in page
     assert "<td>b 1.5</td><td>3,2 %</td>" in page

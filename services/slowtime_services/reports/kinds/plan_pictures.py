@@ -212,7 +212,7 @@ def cost_chart(plan: Answer, words: Words) -> Chart:
         "xaxis": {"title": {"text": words("plan.axis_time", unit=unit_of(plan, words))}},
         "yaxis": {
             "title": {"text": words("plan.axis_cost", currency=plan["currency"])},
-            "rangemode": "tozero",
+            "rangemode": "tozero", "exponentformat": "none", "separatethousands": True,
         },
     }  # fmt: skip
     named = "; ".join(
