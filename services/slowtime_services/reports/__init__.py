@@ -1,5 +1,6 @@
 """Results in, one HTML file without external references, or a PDF, out."""
 
+from .contents import Chart, PoleChoice, Scene, Section, Table
 from .first_page import (
     Alternative,
     Confidence,
@@ -10,17 +11,7 @@ from .first_page import (
     measured_on,
     subject_of,
 )
-from .page import (
-    VIEWER,
-    Chart,
-    PoleChoice,
-    Scene,
-    Section,
-    Table,
-    charts_in,
-    page_text,
-    write_page,
-)
+from .page import VIEWER, charts_in, page_text, write_page
 from .pdf import PrintingError
 from .words import LANGUAGES, Words
 

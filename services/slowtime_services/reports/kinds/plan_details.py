@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from slowtime_services.reports.page import Chart, Section, Table
+from slowtime_services.reports.contents import Chart, Item, Section, Table
 from slowtime_services.reports.words import Words
 
 from .plan_options import (
@@ -57,7 +57,9 @@ def plan_sections(plan: Answer, words: Words, costs: Chart | None = None) -> Ite
         for option in plan["options"]
     ]
     caption = words("plan.options_caption", currency=plan["currency"])
-    shown = [Table(OPTION_HEADS, rows, caption), *([] if costs is None else [costs])]
+    shown: list[Item] = [Table(OPTION_HEADS, rows, caption)]
+    if costs is not None:
+        shown.append(costs)
     yield Section("Options", (), shown, translated=True)
     yield Section("Costs and times used", (), [_cost_table(plan, words)], translated=True)
     if plan["information"]:

@@ -4,7 +4,7 @@ import datetime
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from slowtime_services.reports.page import Chart
+from slowtime_services.reports.contents import Chart
 from slowtime_services.reports.words import Words
 
 from .plan_options import is_dated, moment_of, option_words, quantity_in, unit_of

@@ -7,6 +7,7 @@ from pathlib import Path
 from slowtime.reliability import Conditional, DesignPoint, Problem, Result, System
 from slowtime_services.problem_files.expressions import Expression
 from slowtime_services.problem_files.stated import NOTHING_STATED, Stated
+from slowtime_services.reports.contents import Chart, Section, Table
 from slowtime_services.reports.first_page import (
     Alternative,
     Confidence,
@@ -14,7 +15,7 @@ from slowtime_services.reports.first_page import (
     Level,
     subject_of,
 )
-from slowtime_services.reports.page import Chart, Section, Table, write_page
+from slowtime_services.reports.page import write_page
 from slowtime_services.reports.words import Words
 
 from .input_runs import run_name, runs_of_inputs

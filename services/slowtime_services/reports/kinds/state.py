@@ -13,6 +13,7 @@ from scipy.special import ndtr
 
 from slowtime.evolution.events.change_detection import candidate_jump_times
 from slowtime_schemas.slow_times import FIRST_CLOCK_S
+from slowtime_services.reports.contents import Chart, Section, Table
 from slowtime_services.reports.first_page import (
     LIKELY,
     SURE,
@@ -23,7 +24,7 @@ from slowtime_services.reports.first_page import (
     measured_on,
     subject_of,
 )
-from slowtime_services.reports.page import Chart, Section, Table, write_page
+from slowtime_services.reports.page import write_page
 from slowtime_services.reports.words import Words
 
 State = Mapping[str, Any]
