@@ -125,8 +125,8 @@ def shortened(line: str) -> str:
 
     Examples
     --------
-    >>> shortened("slowtime demo --duration 60 & sleep 25; slowtime alarms deliveries a.b")
-    'slowtime demo --duration 40 & sleep 20; slowtime alarms deliveries a.b'
+    >>> shortened("slowtime demo --duration 60 & sleep 25; slowtime twin alarms deliveries a.b")
+    'slowtime demo --duration 40 & sleep 20; slowtime twin alarms deliveries a.b'
     """
     line = line.replace("--duration 60", "--duration 40").replace("sleep 25", "sleep 20")
     return line.replace("--duration 30", "--duration 15")

@@ -17,7 +17,9 @@ from slowtime_services.declared import whole as whole
 
 _FLAG = re.compile(r"(?<!slowtime diagnose )--[a-z][a-z-]*")
 _CHANNEL = re.compile(r"--channel ([^\s=]+)=NAME")
-_ARGUMENTS = {"--unit": "units", "--sensitivity": "sensitivities", "--channel": "channels"}
+_KEY = re.compile(r"--reading (\w+)(?:=(\w+))?")
+_VALUES = {"yes": "True", "no": "False"}
+_ARGUMENTS = {"--unit": "units", "sensitivity": "sensitivities", "--channel": "channels"}
 """Option of the command line → argument of `slowtime.read`, where the names differ."""
 
 
@@ -152,14 +154,24 @@ def with_arguments(message: str) -> str:
     --------
     >>> with_arguments("Map it with --channel x=NAME.")
     "Map it with channels={'x': 'NAME'}."
-    >>> with_arguments("Give --rate-hz, or name the clock with --time-column.")
+    >>> with_arguments("Give --rate-hz, or name the clock with --reading time_column.")
     'Give rate_hz, or name the clock with time_column.'
+    >>> with_arguments("Give --reading wrapped=yes, or --reading repeated=keep.")
+    "Give wrapped=True, or repeated='keep'."
     """
     message = _CHANNEL.sub(r"channels={'\1': 'NAME'}", message)
-    message = message.replace("--unchecked", "`slowtime diagnose --unchecked`")
+    unchecked = "--setting unchecked=yes"
+    message = message.replace(unchecked, f"`slowtime diagnose {unchecked}`")
+    message = _KEY.sub(_keyword, message)
     return _FLAG.sub(
         lambda flag: _ARGUMENTS.get(flag[0], flag[0][2:].replace("-", "_")), message
     )
+
+
+def _keyword(key: "re.Match[str]") -> str:
+    """Return the keyword of `slowtime.read` for a key of `--reading`."""
+    name, value = _ARGUMENTS.get(key[1], key[1]), key[2]
+    return name if value is None else f"{name}={_VALUES.get(value, repr(value))}"
 
 
 def existing_file(path: Any) -> Path:

@@ -1,262 +1,88 @@
 """The command `slowtime`: finds the verb, runs it, reports errors in a sentence."""
 
-import importlib
 import logging
 import os
 import sys
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any
 
 import click
-from click.shell_completion import CompletionItem
 
 from slowtime_services.logs import Format, formatter
 from slowtime_services.reasons import reason_of, without_internals
 
-from .shared.examples import EXAMPLES, FIRST_EXAMPLE, HEADING, with_example
+from .shared.examples import FIRST_EXAMPLE, with_example
 from .shared.input_errors import is_validation_error, validation_message
-from .verbs.groups import GROUPS, suggestions
+from .shared.verb_groups import VerbGroup
+from .verbs.suggestions import suggestions
+from .verbs.tree import GROUPS, OLD_NAMES, VERBS, paths
 
+OLD_NAMES_END = "0.4"
+"""Release from which the names of before 0.2 are no longer understood."""
 
-class Verb(NamedTuple):
-    """Module of a verb, and its help in one line."""
-
-    place: str
-    help: str
-
-
-# The lines are repeated here so that `--help` answers without importing every verb; a test
-# holds them to the verbs' own.
-VERBS = {
-    "demo": Verb(
-        "operation.demo:demo", "Run router, edge agents, twin server and page on this computer."
-    ),
-    "edge": Verb(
-        "operation.edge:edge", "Run an edge agent: samples in, features with uncertainty out."
-    ),
-    "twin": Verb(
-        "operation.twin:twin", "Run the twin server: features in; estimates, REST and page out."
-    ),
-    "router": Verb(
-        "operation.router:router",
-        "Run a Zenoh router that edges, twin and recorder connect to.",
-    ),
-    "keys": Verb(
-        "operation.keys:keys",
-        "Create, renew and revoke the TLS certificates of a site.",
-    ),
-    "tokens": Verb(
-        "operation.tokens:tokens",
-        "Create, list and revoke tokens for REST and the page.",
-    ),
-    "alarms": Verb(
-        "twins.alarms:alarms",
-        "Send a test alarm of a twin, and show deliveries of alarms.",
-    ),
-    "quarantine": Verb(
-        "twins.quarantine:quarantine",
-        "List, release and drop messages that the server set aside.",
-    ),
-    "holdings": Verb(
-        "twins.holdings:holdings",
-        "Show what a server has under way for your sites, and end it.",
-    ),
-    "event": Verb(
-        "twins.event:event", "Record repairs and inspections of an asset, and undo them."
-    ),
-    "status": Verb(
-        "operation.router:status",
-        "Show whether the router answers, and which edges are online.",
-    ),
-    "plugins": Verb(
-        "operation.plugins:plugins",
-        "List installed plug-ins.",
-    ),
-    "doctor": Verb(
-        "operation.doctor:doctor",
-        "Check installation, ports, router, clock and write access.",
-    ),
-    "completion": Verb(
-        "operation.completion:completion",
-        "Print a script for tab completion in a shell.",
-    ),
-    "check": Verb("operation.check:check", "Check a twin's database for damage."),
-    "ledger": Verb(
-        "operation.ledger:ledger", "Verify that a twin's history was not altered or deleted."
-    ),
-    "composite": Verb(
-        "twins.composite:composite", "Combine twins into sites, lines and structures of parts."
-    ),
-    "backup": Verb(
-        "operation.backup:backup", "Copy a twin's database while the server is running."
-    ),
-    "restore": Verb("operation.backup:restore", "Restore a twin's database from a backup."),
-    "export": Verb(
-        "twins.export:export", "Export the history of a twin, or the samples of a record."
-    ),
-    "record": Verb(
-        "operation.record:record", "Record the messages of the bus into an MCAP file."
-    ),
-    "replay": Verb(
-        "operation.replay:replay", "Replay a recording and print the hash of its history."
-    ),
-    "recover": Verb(
-        "records.recover:recover",
-        "Repair a truncated or damaged recording.",
-    ),
-    "layout": Verb(
-        "records.layout:layout", "Write a layout for Foxglove or Lichtblick to fit a recording."
-    ),
-    "import": Verb(
-        "records.import_record:import_",
-        "Turn a record into an MCAP recording.",
-    ),
-    "identify": Verb(
-        "records.identify:identify",
-        "Identify natural frequencies and damping, with uncertainty.",
-    ),
-    "simulate": Verb(
-        "records.simulate:simulate",
-        "Write the vibration of an ageing structure or of a model file.",
-    ),
-    "publish": Verb(
-        "operation.publish:publish",
-        "Simulate an acceleration sensor and publish its samples.",
-    ),
-    "diagnose": Verb(
-        "models.diagnose:diagnose",
-        "Find effects that a model lacks, with their place and size.",
-    ),
-    "fmu": Verb(
-        "models.fmu:fmu",
-        "Export a model as an FMU for other simulation programs.",
-    ),
-    "effects": Verb(
-        "models.effects:effects",
-        "List the physical effects that slowtime knows.",
-    ),
-    "distortion": Verb(
-        "records.distortion:distortion",
-        "Measure nonlinear distortion, or damping against amplitude.",
-    ),
-    "merge": Verb(
-        "records.merge:merge",
-        "Merge modes measured with several sensor set-ups.",
-    ),
-    "scale": Verb(
-        "records.scale:scale",
-        "Scale operational mode shapes by known added masses.",
-    ),
-    "orders": Verb(
-        "records.orders:orders",
-        "Track the orders of a rotating machine, with a tacho signal.",
-    ),
-    "track": Verb(
-        "records.track:track", "Track the constants of a nonlinear structure over slow time."
-    ),
-    "separate": Verb(
-        "twins.separate:separate",
-        "Separate a history into a drift and a recurring part.",
-    ),
-    "evolve": Verb(
-        "twins.evolve:evolve", "Estimate changes of stiffness and mass from frequencies."
-    ),
-    "forecast": Verb(
-        "twins.forecast:forecast",
-        "Forecast the changes of a twin, and when they reach thresholds.",
-    ),
-    "plan": Verb(
-        "twins.plan:plan",
-        "Recommend an action for a twin: repair, inspect, wait or close.",
-    ),
-    "whatif": Verb(
-        "twins.whatif:whatif", "Simulate a twin's current structure under a load, with bands."
-    ),
-    "risk": Verb(
-        "twins.risk:risk", "Compute a twin's probability of failure for each limit state."
-    ),
-    "reliability": Verb(
-        "models.reliability:reliability", "Compute a probability of failure by several methods."
-    ),
-    "surrogate": Verb(
-        "models.surrogate:surrogate", "Fit a fast surrogate to runs of a slow model."
-    ),
-    "design": Verb(
-        "models.design:design", "Choose a damper, mass or stiffness: cheap, robust and safe."
-    ),
-    "fatigue": Verb(
-        "models.fatigue:fatigue",
-        "Count stress cycles and sum fatigue damage, with its scatter.",
-    ),
-    "virtual": Verb(
-        "models.virtual:virtual", "Estimate drift, force or stress that nobody measures."
-    ),
-    "convert": Verb(
-        "models.convert:convert", "Convert a mesh of beams, bars and shells to a model file."
-    ),
-    "reduce": Verb(
-        "models.reduce:reduce", "Reduce finite-element matrices to a small model and verify it."
-    ),
-    "update": Verb(
-        "models.update:update", "Update a finite-element model from measured modes."
-    ),
-    "place": Verb(
-        "models.place:place", "Choose the sensor positions that are most informative."
-    ),
-}
 ROOMS = (
     "edge_agent", "slowtime", "slowtime_cli", "slowtime_schemas", "slowtime_services",
     "twin_server",
 )  # fmt: skip
 
 
-class Verbs(click.Group):
-    """Loads a verb only when it is asked for, so that `--help` answers at once."""
+class Verbs(VerbGroup):
+    """All commands; old names are understood, with a warning."""
 
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        """All verbs, in the order of the groups of the help."""
-        return [verb for verbs in GROUPS.values() for verb in verbs]
+    verbs = VERBS
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import the verb's own module, now."""
-        if cmd_name not in VERBS:
-            return None
-        module, name = VERBS[cmd_name].place.split(":")
-        command: click.Command = getattr(
-            importlib.import_module(f"slowtime_cli.verbs.{module}"), name
-        )
-        if HEADING not in (command.epilog or ""):
-            command.epilog = with_example(command.epilog, EXAMPLES[cmd_name])
+        """Import a command, also by its old name."""
+        group, *rest = OLD_NAMES.get(cmd_name, (cmd_name,))
+        command = super().get_command(ctx, group)
+        if rest and isinstance(command, click.Group):
+            return command.get_command(ctx, rest[0])
         return command
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Find the verb, or name verbs that the word may mean."""
+        """Find the command, or name commands that the word may mean."""
         word = args[0]
+        if word in OLD_NAMES:
+            new = OLD_NAMES[word]
+            if not ctx.resilient_parsing:
+                _warn_of_old_name(word, new)
+            return super().resolve_command(ctx, [*new, *args[1:]])
         if word in VERBS or word.startswith("-") or ctx.resilient_parsing:
             return super().resolve_command(ctx, args)
-        meant = " or ".join(f"`slowtime {verb}`" for verb in suggestions(word, VERBS))
+        known = {words.split()[-1]: words for words, _ in paths()} | {one: one for one in VERBS}
+        meant = " or ".join(
+            f"`slowtime {known.get(one, one)}`" for one in suggestions(word, known)
+        )
         ctx.fail(
             f"No such command {word!r}. "
             + (f"Did you mean {meant}?" if meant else "`slowtime --help` lists the commands.")
         )
 
-    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
-        """Complete verbs without importing them, and options of the command itself."""
-        verbs = [
-            CompletionItem(verb, help=VERBS[verb].help)
-            for verb in self.list_commands(ctx)
-            if verb.startswith(incomplete)
-        ]
-        return verbs + click.Command.shell_complete(self, ctx, incomplete)
+    def rows(self, ctx: click.Context, *, whole: bool) -> list[tuple[str, list[Any]]]:
+        """Return the commands by groups; with all of them also those within groups."""
+        if not whole:
+            return self.command_rows(ctx)
+        every = [(words, verb.help) for words, verb in paths()]
+        options = (one.get_help_record(ctx) for one in self.get_params(ctx))
+        return [("Options", [one for one in options if one]), ("Commands", every)]
 
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the verbs by groups without importing them."""
+    def command_rows(self, ctx: click.Context) -> list[tuple[str, list[tuple[str, str]]]]:
+        """List the commands by groups without importing them."""
         width = max(map(len, VERBS))
-        for heading, verbs in GROUPS.items():
-            with formatter.section(heading):
-                formatter.write_dl([(verb.ljust(width), VERBS[verb].help) for verb in verbs])
+        return [
+            (heading, [(verb.ljust(width), VERBS[verb].help) for verb in verbs])
+            for heading, verbs in GROUPS.items()
+        ]
+
+
+def _warn_of_old_name(old: str, new: tuple[str, ...]) -> None:
+    click.echo(
+        f"`slowtime {old}` is now `slowtime {' '.join(new)}`; the old name ends with release "
+        f"{OLD_NAMES_END}.",
+        err=True,
+    )
 
 
 @click.group(
@@ -286,9 +112,9 @@ Examples:
 def app(verbose: int, quiet: bool, log_format: Format) -> None:
     """Digital twin for vibrating structures.
 
-    `identify` reads a record and finds natural frequencies and damping. `diagnose` finds
-    physical effects that a model lacks. `demo` runs everything on this computer, with a page in
-    the browser. Each command has its own help and examples: slowtime COMMAND --help.
+    `identify` finds natural frequencies and damping in a record, `diagnose` finds physical
+    effects that a model lacks, and `demo` runs everything on this computer, with a page.
+    Each command has its own help and examples: slowtime COMMAND --help.
     """
     level = logging.DEBUG if verbose > 1 else logging.INFO
     handler = logging.StreamHandler(sys.stderr)

@@ -281,7 +281,7 @@ class LedgerSettings(Immutable):
     """How accepted rows are signed."""
 
     key: Path | None = None
-    """File of the private key that `slowtime ledger key` made; without one, rows are chained
+    """File of the private key that `slowtime db ledger key` made; without one, rows are chained
     all the same, but no signed head covers them."""
     every_s: Positive = 60.0
     """A head is signed so often, where anything has changed."""

@@ -2,11 +2,11 @@
 
 Run `python -m benchmarks.methods.sensor_placement [--seeds 200] [--sensors 8] [--modes 4]
 [--criterion variance]`.
-Sensors are placed on `docs/examples/lattice_tower.yaml` as `slowtime place` does. For each seed
-a structure is drawn from the prior, its modes at the sensors from the full model with errors as
-stated, and its parameters are estimated. Prints the root mean square error of each parameter
-beside the standard deviation that the placement expected, for both sets of sensors, and
-chi-square per parameter.
+Sensors are placed on `docs/examples/lattice_tower.yaml` as `slowtime model place` does. For
+each seed a structure is drawn from the prior, its modes at the sensors from the full model with
+errors as stated, and its parameters are estimated. Prints the root mean square error of each
+parameter beside the standard deviation that the placement expected, for both sets of sensors,
+and chi-square per parameter.
 """
 
 import argparse
@@ -37,7 +37,7 @@ TOWER = Path(__file__).parents[2] / "docs/examples/lattice_tower.yaml"
 
 FREQUENCY_SD, SHAPE_SD = 0.002, 0.02
 """Relative error of a frequency, and error of a component of a shape over its largest one [1];
-the defaults of `slowtime place`."""
+the defaults of `slowtime model place`."""
 
 BETTER = 0.8
 """Error of the placed sensors over that of the spread ones that is to be undercut [1]."""
@@ -90,7 +90,7 @@ class SensorCandidates:
         return cls(full, structure, rows, problem, modes)
 
     def placed(self, number: int, criterion: Criterion = "determinant") -> Placement:
-        """Place sensors by a criterion of `slowtime place`."""
+        """Place sensors by a criterion of `slowtime model place`."""
         return place_sensors(self.problem, number, criterion=criterion)
 
     def spread(self, number: int) -> Placement:

@@ -180,11 +180,12 @@ def _reason_of(ranges: Sequence[ParameterRange], together: Callable[[], Paramete
         return (
             f"Allowed alone: {'; '.join(one.words for one in wrong)}. A group whose stiffness "
             "is contained in that of the model may lose all of it (-1) and gain without bound: "
-            "check the file of this group and its `change`, or try smaller parameters (--span)."
+            "check the file of this group and its `change`, or try smaller parameters "
+            "(--setting span)."
         )
     return (
         f"Each group alone is part of the whole, but {together().words} only: they overlap. "
-        "Check that no element is in two groups, or try smaller parameters (--span)."
+        "Check that no element is in two groups, or try smaller parameters (--setting span)."
     )
 
 

@@ -122,8 +122,10 @@ class IdentifyOptions:
 
     band_hz: tuple[float, float] | None = None
     method: Method = "auto"
-    gaps: Gaps = "use"
-    select: Selection | FileName | str | None = None
+    gaps: Gaps = dataclasses.field(default="use", metadata={"rare": True})
+    select: Selection | FileName | str | None = dataclasses.field(
+        default=None, metadata={"rare": True}
+    )
 
     def __post_init__(self) -> None:
         if self.select is None:

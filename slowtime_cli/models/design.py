@@ -37,7 +37,7 @@ def design(
     found = [_optimised(one, effort, seed) for one in tasks]
     if out_model is not None:
         if task.structure is None:
-            raise ValueError(f"{design.name} has no model. Leave --out-model out.")
+            raise ValueError(f"{design.name} has no model. Leave --out out, or give .json.")
         write_model(out_model, task.structure.described(found[0].best.variables))
         note(f"{out_model}: the model with the design built in.")
     if as_json:

@@ -72,7 +72,7 @@ def _history(source: str, twin: str | None) -> TabulatedHistory:
         )
     if path.suffix in TABLES:
         if twin is not None:
-            raise click.UsageError(f"{path.name} holds one history: leave --twin out.")
+            raise click.UsageError(f"{path.name} holds one history: leave --asset out.")
         return read_history(path)
     with tempfile.TemporaryDirectory() as folder:
         # A server may be writing it: what is looked at is a copy.
@@ -98,7 +98,7 @@ def _read(store: Store, twin: str | None) -> TabulatedHistory:
         twin = known[0]
     row = None if twin is None else store.twin(twin)
     if row is None:
-        said = "Name the twin with --twin" if twin is None else f"There is no twin {twin!r}"
+        said = "Name the twin with --asset" if twin is None else f"There is no twin {twin!r}"
         raise RecordError(f"{said}. There are: {', '.join(known) or 'none'}.")
     registration = Registration.model_validate_json(row.registration)
     with tempfile.TemporaryDirectory() as folder:

@@ -19,12 +19,14 @@ from slowtime_cli.models.virtual import (
     note_limits,
 )
 from slowtime_cli.shared.record_input import with_record
-from slowtime_cli.shared.terminal import note, show
+from slowtime_cli.shared.terminal import as_exact_as, note, show
 from slowtime_services.files import Record, find_column
 from slowtime_services.virtual_sensors.settings import PointCurve
 
 YEAR_S = 365.25 * 86_400
 """Julian year [s]."""
+NORMAL_95 = 1.96
+"""Half width of a 95 % interval of the normal distribution [standard deviations]."""
 SPECTRAL_WINDOWS = 16
 """Windows of a record whose spectra are averaged for spectral methods [1]."""
 
@@ -114,20 +116,23 @@ def _result(
 
 def _show(result: dict[str, Any]) -> None:
     unit, damage, years = result["unit"], result["damage"], result["years_to_failure"]
+    sd = (damage["hi"] - damage["lo"]) / (2 * NORMAL_95)
+    yearly = result["damage_per_year"]
+    relative = sd / damage["median"] if damage["median"] else 0.0
     show(
         f"{result['point']}: {result['cycles']:.0f} cycles in {result['seconds']:.0f} s",
         ("what", "value", "unit"),
         [
             ["largest range", f"{result['largest_range']:.4g}", unit],
             ["equivalent range", f"{result['equivalent_range']:.4g}", unit],
-            ["Miner's sum, median", f"{damage['median']:.4g}", "1"],
-            ["  95 % interval", f"{damage['lo']:.3g} to {damage['hi']:.3g}", "1"],
-            ["damage at this rate", f"{result['damage_per_year']:.4g}", "1/year"],
+            ["Miner's sum, median", as_exact_as(sd, damage["median"]), "1"],
+            ["  95 % interval", f"{damage['lo']:.2g} to {damage['hi']:.2g}", "1"],
+            ["damage at this rate", as_exact_as(relative * yearly, yearly), "1/year"],
             ["time to failure, 5 %", _years(years["5 %"]), "years"],
             ["time to failure, 50 %", _years(years["50 %"]), "years"],
             ["time to failure, 95 %", _years(years["95 %"]), "years"],
             *(
-                [f"spectral: {method}", f"{value:.4g}", "1/year"]
+                [f"spectral: {method}", as_exact_as(relative * value, value), "1/year"]
                 for method, value in result["spectral_damage_per_year"].items()
             ),
         ],
@@ -140,7 +145,7 @@ def _channel(record: Record, channel: str | None) -> tuple[Any, str, str]:
     if channel is None and len(record.channels) != 1:
         raise click.UsageError(
             f"The record has {len(record.channels)} channels: {', '.join(record.channels)}. "
-            "Name the one of stress by --channel."
+            "Name the one of stress by --channels."
         )
     column = 0 if channel is None else find_column(channel, record.channels)
     unit = record.units[column] or "1"
@@ -152,4 +157,4 @@ def _finite(value: float) -> float | None:
 
 
 def _years(value: float | None) -> str:
-    return "never" if value is None else f"{value:.3g}"
+    return "never" if value is None else f"{value:.2g}"

@@ -61,8 +61,7 @@ def demo(
     if _port_in_use(port):
         raise click.UsageError(
             f"Port {port} is in use on this computer. Give another, such as --port "
-            f"{port + 1}; "
-            "`slowtime doctor` says whether a twin server answers there."
+            f"{port + 1}; `slowtime doctor` says whether a twin server answers there."
         )
     if recording is not None and recording.exists():
         raise click.UsageError(
@@ -147,7 +146,7 @@ def _start_edge(
             "edge", "--simulate", name, "--connect", endpoint,
             "--spool", str(home / f"spool-{name}"),
             "--epochs-per-s", str(_pace(name, epochs_per_s)),
-            "--raw" if raw else "--no-raw",
+            "--setting", "raw=yes" if raw else "raw=no",
         ],
     )  # fmt: skip
 

@@ -70,7 +70,7 @@ def head(server: str, out: Path, twin: str | None) -> None:
         if not heads and not refusal:
             raise click.ClickException(
                 f"{server} has no signing key, so it has signed nothing. Create one with "
-                "`slowtime ledger key` and start it with --ledger-key."
+                "`slowtime db ledger key` and start it with --ledger-key."
             )
         if heads:
             out.write_text(json.dumps(heads[-1], indent=2) + "\n")
@@ -90,8 +90,8 @@ def prove(server: str, head: Path, reading: str | None, key: str | None, out: Pa
         if isinstance(kept, Head):
             if reading is not None:
                 raise click.UsageError(
-                    "--reading is proven against the head of one twin. Give a --head of "
-                    "`slowtime ledger head --twin`."
+                    "A --reading is proven against the head of one twin. Give a --head of "
+                    "`slowtime db ledger head --asset`."
                 )
             told: dict[str, Any] = {"heads": _heads_from(client, kept.number)}
         else:
@@ -257,7 +257,7 @@ def _verify_recording(
     if not any(one.heads or one.wrong for one in found.values()):
         raise click.ClickException(
             f"{recording} has no signed head. Record while a server with a key runs "
-            "(`slowtime ledger key`)."
+            "(`slowtime db ledger key`)."
         )
     wrong = []
     for asset, one in found.items():
@@ -323,7 +323,7 @@ def kept_head_of_any_kind(path: Path) -> Head | TreeHead:
         return kept_of(_last_document(path))
     except (ValueError, TypeError) as error:
         raise click.UsageError(
-            f"{path} is not a head: {error} Give what `slowtime ledger head` wrote."
+            f"{path} is not a head: {error} Give what `slowtime db ledger head` wrote."
         ) from error
 
 
@@ -333,7 +333,7 @@ def kept_head(path: Path) -> Head:
         return Head.of(_last_document(path))
     except (ValueError, TypeError) as error:
         raise click.UsageError(
-            f"{path} is not a head: {error} Give what `slowtime ledger head` wrote."
+            f"{path} is not a head: {error} Give what `slowtime db ledger head` wrote."
         ) from error
 
 

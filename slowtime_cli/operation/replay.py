@@ -87,7 +87,7 @@ def _onto_the_bus(
     if played.features == 0:
         note(
             f"{recording} holds no features, and a twin reads only features. If it holds "
-            f"samples, run: slowtime edge --recording {recording}"
+            f"samples, run: slowtime edge --file {recording}"
         )
     if server is not None:
         for asset in _assets(recording):
@@ -120,7 +120,7 @@ def _into(recording: Path, database: Path) -> int:
         note(
             f"{recording} holds samples but no features; an edge agent with default "
             "settings computes them here. To choose the settings, run slowtime edge "
-            "--recording."
+            "--file."
         )
     if not assets:
         raise click.UsageError(
@@ -221,7 +221,8 @@ def _listened_to(recording: Path) -> list[tuple[str, str]]:
     found = sorted({parse_key(key)[1:] for key, count in keys.items() if count})
     if not found:
         raise click.UsageError(
-            f"{recording} holds no raw blocks. Run the edge with --raw while recording."
+            f"{recording} holds no raw blocks. Run the edge with --setting raw=yes while "
+            "recording."
         )
     return found
 

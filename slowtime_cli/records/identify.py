@@ -241,7 +241,7 @@ def note_mixed_units(mixed: str) -> None:
     """Explain why there are no shapes."""
     note(
         f"channels are of several units ({mixed}), so no mode shapes are given: their "
-        "components could not be compared. Give --unit or --sensitivity, or select "
+        "components could not be compared. Give --unit or --reading sensitivity, or select "
         "channels with --channels. Frequencies and damping do not depend on units."
     )
 

@@ -158,11 +158,11 @@ def _measured(record: Record, names: tuple[str, ...], excitation: str) -> Inputs
     if excitation == "auto":
         base = all(unit is not None for unit in motion)
         excitation = "base" if base else kind_of_excitation(inputs)
-        note(f"treated as excitation by {excitation}. --excitation overrides this.")
+        note(f"treated as excitation by {excitation}. --setting excitation overrides this.")
     if excitation == "hammer" and len(columns) > 1:
         raise click.UsageError(
-            f"--excitation hammer has one input, and {len(columns)} were given. Give a record "
-            "for each place of the hammer."
+            f"--setting excitation=hammer has one input, and {len(columns)} were given. Give "
+            "a record for each place of the hammer."
         )
     of_outputs = {unit_of(record.units[k], record.channels[k]) for k in others}
     quantities = {unit.quantity for unit in of_outputs if unit is not None}
@@ -228,8 +228,8 @@ def _identified(
     if decay and loudest > AT_REST:
         note(
             f"before a blow the structure moved by {100 * loudest:.2g} % of what it did "
-            "after: it was not at rest, and modes have a bias. Leave out --decay-s, or wait "
-            "longer between blows."
+            "after: it was not at rest, and modes have a bias. Leave out --setting decay_s, "
+            "or wait longer between blows."
         )
     settings = HammerSettings(
         kind=measured.kind, estimator=flags["estimator"], decay_rate=decay

@@ -14,22 +14,35 @@ import click
 
 from slowtime_services.declared import alternatives, parameter_entries
 
+from .help_pages import Rare
 from .options import EXISTING, POSITIVE, Names, Real
+from .settings import Setting, settings_option
 
 F = TypeVar("F", bound=Callable[..., Any])
 O = TypeVar("O")
 
 
-def options_of(declared: type[Any], only: Collection[str] = ()) -> Callable[[F], F]:
+def options_of(
+    declared: type[Any],
+    only: Collection[str] = (),
+    *,
+    settings: str = "",
+    all_rare: bool = False,
+) -> Callable[[F], F]:
     """Add an option for each field of a class of options.
 
     Parameters
     ----------
     declared
         Frozen dataclass with defaults; its docstring has an entry for each field. The metadata
-        of a field may name its `flag` and `metavar`; such an option may be repeated.
+        of a field may name its `flag` and `metavar`; such an option may be repeated. It says
+        `rare` of a field that few need, which only the full help shows.
     only
         Fields that are options here; none for all.
+    settings
+        Option behind which rare fields are given as KEY=VALUE; empty where each is an option.
+    all_rare
+        Whether all fields are rare in this verb.
 
     Returns
     -------
@@ -37,11 +50,20 @@ def options_of(declared: type[Any], only: Collection[str] = ()) -> Callable[[F],
     """
     help_of = parameter_entries(declared)
     types_of = typing.get_type_hints(declared)
-    made = [
-        _option(field, types_of[field.name], help_of[field.name])
-        for field in dataclasses.fields(declared)
-        if not only or field.name in only
-    ]
+    rare: list[Setting] = []
+    made: list[Callable[[Any], Any]] = []
+    for field in dataclasses.fields(declared):
+        if only and field.name not in only:
+            continue
+        names, told = _option(field, types_of[field.name], help_of[field.name])
+        is_rare = all_rare or field.metadata.get("rare", False)
+        if is_rare and settings:
+            rare.append(Setting(names, **told))
+        else:
+            kind = Rare if is_rare else click.Option
+            made.append(click.option(*names, cls=kind, **told))
+    if rare:
+        made.append(settings_option(*rare, flag=settings))
 
     def decorate(function: F) -> F:
         for option in reversed(made):
@@ -51,20 +73,20 @@ def options_of(declared: type[Any], only: Collection[str] = ()) -> Callable[[F],
     return decorate
 
 
-def _option(field: "dataclasses.Field[Any]", declared: Any, text: str) -> Callable[[F], F]:
+def _option(
+    field: "dataclasses.Field[Any]", declared: Any, text: str
+) -> tuple[tuple[str, ...], dict[str, Any]]:
+    """Names and declaration of an option, as `click.option` takes them."""
     flag = "--" + field.name.replace("_", "-")
     if "flag" in field.metadata:
-        return click.option(
-            field.metadata["flag"],
-            field.name,
-            multiple=True,
-            metavar=field.metadata["metavar"],
-            help=text,
-        )
+        metavar = field.metadata["metavar"]
+        return (field.metadata["flag"], field.name), {
+            "multiple": True, "metavar": metavar, "help": text,
+        }  # fmt: skip
     kind = _kind(declared, field.name)
     if kind["type"] is bool:
         flag = f"{flag}/--not-{flag[2:]}"
-    return click.option(flag, default=field.default, help=text, **kind)
+    return (flag,), {"default": field.default, "help": text, **kind}
 
 
 def gathered(declared: type[O], flags: dict[str, Any]) -> O:

@@ -7,15 +7,17 @@ they must.
 """
 
 import importlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import click
 
 from .extras import missing_extra
+from .help_pages import Documented
+from .outputs import json_into_file
 
 
-class Deferred(click.Command):
+class Deferred(Documented):
     """A command whose function is imported when it runs.
 
     The function that it decorates holds the help, and refuses whatever can be refused without
@@ -27,13 +29,20 @@ class Deferred(click.Command):
         ``module:function`` within `slowtime_cli`.
     extra
         Extra of slowtime whose libraries the work imports; None where it takes none.
+    fixed
+        Arguments of the work that are no options of the verb, and their values.
     """
 
     def __init__(
-        self, *args: Any, work: str, extra: str | None = None, **settings: Any
+        self,
+        *args: Any,
+        work: str,
+        extra: str | None = None,
+        fixed: Mapping[str, Any] | None = None,
+        **settings: Any,
     ) -> None:
         super().__init__(*args, **settings)
-        self.work, self.extra = work, extra
+        self.work, self.extra, self.fixed = work, extra, dict(fixed or {})
 
     def invoke(self, ctx: click.Context) -> Any:
         """Validate the options, then import the function and call it.
@@ -43,9 +52,11 @@ class Deferred(click.Command):
         click.ClickException
             Where a library is missing that an extra brings: it names the extra.
         """
+        ctx.params = {**self.fixed, **ctx.params}
         super().invoke(ctx)
         try:
-            return ctx.invoke(self.load(), **ctx.params)
+            with json_into_file(ctx):
+                return ctx.invoke(self.load(), **ctx.params)
         except ModuleNotFoundError as error:
             told = missing_extra(ctx.command_path, self.extra, error)
             if told is None:

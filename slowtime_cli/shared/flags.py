@@ -1,7 +1,7 @@
 """Arguments that several verbs have in common."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -10,6 +10,7 @@ import click
 from slowtime_cli.shared.declared import options_of
 from slowtime_cli.shared.options import EXISTING as EXISTING
 from slowtime_cli.shared.options import POSITIVE, Real
+from slowtime_cli.shared.settings import setting
 from slowtime_services.files.reading_options import ReadingOptions
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -55,14 +56,22 @@ class Effects(click.Path):
 READING = tuple(field.name for field in dataclasses.fields(ReadingOptions))
 """What a person says of a file."""
 
+LEARN_EPOCHS = setting(
+    "--learn-epochs",
+    type=click.IntRange(min=2),
+    default=20,
+    show_default=True,
+    help="Epochs from which the nominal model is learnt.",
+)
+_CHANGES: dict[str, Any] = {
+    "type": click.Choice(["stiffness", "mass", "both"]),
+    "default": "stiffness",
+    "show_default": True,
+    "help": "Quantities that may change; others are assumed constant.",
+}
+CHANGES = setting("--changes", **_CHANGES)
+changes_option = click.option("--changes", **_CHANGES)
 AS_BUILT = (
-    click.option(
-        "--changes",
-        type=click.Choice(["stiffness", "mass", "both"]),
-        default="stiffness",
-        show_default=True,
-        help="Quantities that may change; others are assumed constant.",
-    ),
     click.option(
         "--nominal-hz",
         type=POSITIVE,
@@ -73,15 +82,8 @@ AS_BUILT = (
         type=Real(0, 1, max_open=True),
         help="Damping ratio as built.",
     ),
-    click.option(
-        "--learn-epochs",
-        type=click.IntRange(min=2),
-        default=20,
-        show_default=True,
-        help="Epochs from which the nominal model is learnt.",
-    ),
 )
-"""What a twin of one mode is told of its structure."""
+"""What a twin of one mode is told of its structure, beside `CHANGES` and `LEARN_EPOCHS`."""
 
 
 def record_flags(function: F) -> F:
@@ -90,13 +92,14 @@ def record_flags(function: F) -> F:
     return click.argument("record_path", metavar="RECORD", type=EXISTING)(reading)
 
 
-reading_flags = options_of(ReadingOptions)
-unit_flags = options_of(ReadingOptions, only=("units", "sensitivities"))
+reading_flags = options_of(ReadingOptions, settings="--reading")
+reading_settings = options_of(ReadingOptions, settings="--reading", all_rare=True)
+unit_flags = options_of(ReadingOptions, only=("units", "sensitivities"), settings="--reading")
 
 
 def as_built(function: F) -> F:
     """Add the options of `AS_BUILT`."""
-    return _with(AS_BUILT, function)
+    return with_options(AS_BUILT, function)
 
 
 def refuse_damping_alone(nominal_hz: float | None, nominal_damping: float | None) -> None:
@@ -111,7 +114,8 @@ def refuse_damping_alone(nominal_hz: float | None, nominal_damping: float | None
         raise click.UsageError("--nominal-damping goes with --nominal-hz.")
 
 
-def _with(decorators: tuple[Callable[[F], F], ...], function: F) -> F:
-    for decorate in reversed(decorators):
+def with_options(decorators: Iterable[Callable[[Any], Any]], function: F) -> F:
+    """Add several options, in their order."""
+    for decorate in reversed(tuple(decorators)):
         function = decorate(function)
     return function

@@ -51,13 +51,13 @@ def read_any(path: Path, given: ReadingOptions | None = None) -> Record:
     given = given or ReadingOptions()
     kind = path.suffix.lower()
     if kind in BINARY_SUFFIXES and given.skip_lines:
-        note(f"--skip-lines was not used: a {kind} file has no lines.")
+        note(f"--reading skip_lines was not used: a {kind} file has no lines.")
     if kind == ".mcap":
         for name in TEXT_FLAGS:
             if getattr(given, name) not in (None, ()):
-                flag = name.replace("_", "-")
                 note(
-                    f"--{flag} was not used: an MCAP recording carries its own clock and names."
+                    f"--reading {name} was not used: an MCAP recording carries its own clock "
+                    "and names."
                 )
         record = overridden_by_flags(record_or_foreign(path), path, given)
         return with_checked_values(record, path.name, given.repeated)
@@ -74,7 +74,8 @@ def overridden_by_flags(record: Record, path: Path, given: ReadingOptions) -> Re
     if columns is not None:
         if len(columns) != len(record.channels):
             raise click.UsageError(
-                f"--columns gives {len(columns)} names, {', '.join(columns)}; {path} has "
+                f"--reading columns gives {len(columns)} names, {', '.join(columns)}; {path} "
+                "has "
                 f"{len(record.channels)} channels, {', '.join(record.channels)}. Give one each."
             )
         record = dataclasses.replace(record, channels=tuple(columns))

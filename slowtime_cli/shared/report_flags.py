@@ -6,41 +6,43 @@ import click
 
 from .flags import F
 from .options import OutFile
+from .settings import Setting, setting
 
 LANGUAGE, SUBJECT = "slowtime.language", "slowtime.subject"
 
 
-def wording_flags(function: F) -> F:
-    """Add --subject and --language, as `report_subject` and `report_language` return them."""
-    subject = click.option(
+def report_flag(function: F) -> F:
+    """Add --report; `wording` belongs to the settings of the verb."""
+    return click.option(
+        "--report",
+        type=OutFile(),
+        metavar="FILE",
+        help="Report to write, .html or .pdf. Answer, confidence, picture and what to do are "
+        "on its first page.",
+    )(function)
+
+
+def wording() -> tuple[Setting, Setting]:
+    """Return subject and language, as `report_subject` and `report_language` return them."""
+    subject = setting(
         "--subject",
         default="",
-        metavar="NAME",
         expose_value=False,
         callback=_keep(SUBJECT),
         help="Name of the structure, for the report's heading; else that of its files.",
     )
-    language = click.option(
+    language = setting(
         "--language",
         type=click.Choice(["en", "de"]),
         default="en",
         show_default=True,
         expose_value=False,
+        envvar="SLOWTIME_LANGUAGE",
+        show_envvar=True,
         callback=_keep(LANGUAGE),
         help="Language of the report.",
     )
-    return subject(language(function))
-
-
-def report_flags(function: F) -> F:
-    """Add --report, --subject and --language."""
-    return click.option(
-        "--report",
-        type=OutFile(),
-        metavar="FILE",
-        help="Report to write, .html or .pdf: answer, confidence, picture and what to do on "
-        "its first page.",
-    )(wording_flags(function))
+    return subject, language
 
 
 def _keep(key: str) -> Callable[[click.Context, click.Parameter, str], None]:

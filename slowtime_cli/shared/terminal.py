@@ -3,10 +3,11 @@
 import contextlib
 import faulthandler
 import json
+import math
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -106,10 +107,11 @@ def show(
     columns, rows
         What a terminal shows.
     plain
-        Name → value of each row, written in full where stdout is no terminal.
+        Name → value of each row, written in full where stdout is no terminal. A mapping in a
+        row becomes a column for each of its names, a list becomes text.
     """
     if not sys.stdout.isatty():
-        for number, row in enumerate(plain):
+        for number, row in enumerate(map(flattened, plain)):
             if number == 0:
                 click.echo("\t".join(row))
             click.echo("\t".join(map(_field, row.values())))
@@ -123,6 +125,42 @@ def show(
     for cells in rows:
         table.add_row(*cells)
     Console().print(table)
+
+
+def flattened(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a row of single values.
+
+    Examples
+    --------
+    >>> flattened({"sum": {"median": 0.1, "sd": 0.2}, "reasons": ["short", "noisy"]})
+    {'sum_median': 0.1, 'sum_sd': 0.2, 'reasons': 'short; noisy'}
+    """
+    flat: dict[str, Any] = {}
+    for name, value in row.items():
+        if isinstance(value, Mapping):
+            inner = flattened(value)
+            flat |= {f"{name}_{key.replace(' ', '_')}": one for key, one in inner.items()}
+        elif isinstance(value, list | tuple):
+            flat[name] = "; ".join(map(_field, value))
+        else:
+            flat[name] = value
+    return flat
+
+
+def as_exact_as(sd: float, value: float) -> str:
+    """Return a number with the digits that its standard deviation leaves: two of its own.
+
+    Examples
+    --------
+    >>> as_exact_as(0.0123, 4.56789), as_exact_as(430.0, 12345.6), as_exact_as(2e-9, 1.234e-7)
+    ('4.568', '1.235e+04', '1.234e-07')
+    >>> as_exact_as(5.0, 1.2), as_exact_as(0.0, 1.23456)
+    ('1.2', '1.235')
+    """
+    if not (math.isfinite(sd) and sd > 0 and value):
+        return f"{value:.4g}"
+    digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(sd)) + 2
+    return f"{value:.{min(max(digits, 2), 9)}g}"
 
 
 def write_json(out: Path, body: dict[str, Any]) -> None:

@@ -31,7 +31,7 @@ def send_test(twin: str, receiver: str | None, wait_s: float, server: str) -> in
         return 0
     note(
         f"{reached} of {len(sent['receivers'])} receivers have accepted it within "
-        f"{wait_s:g} s. The server keeps trying; `slowtime alarms deliveries {twin}` "
+        f"{wait_s:g} s. The server keeps trying; `slowtime twin alarms deliveries {twin}` "
         "shows the progress."
     )
     return 1

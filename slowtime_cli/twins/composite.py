@@ -57,7 +57,7 @@ def list_(server: str) -> None:
         )
     if not every:
         click.echo(
-            "There are no composites. Register one: slowtime composite add FILE --id ID."
+            "There are no composites. Register one: slowtime twin composite add FILE --id ID."
         )
 
 

@@ -103,7 +103,7 @@ def _body(kind: str, given: Mapping[str, Any]) -> dict[str, Any]:
         law = {"a50": given["a50"], "slope": given["slope"]}
         if None in law.values():
             raise click.UsageError(
-                "--detected and --not-detected need --a50 and --slope, the curve of "
+                "--detected and --not-detected need the settings a50 and slope, the curve of "
                 "probability of detection; or give points of it in --file."
             )
         body["detection"] = {

@@ -70,7 +70,7 @@ def is_database(source: Path) -> bool:
 def _refuse(given: dict[str, Any], goes_with: str, this: str) -> None:
     for name, value in given.items():
         if value not in (None, (), ""):
-            flag = {"units": "unit", "sensitivities": "sensitivity"}.get(name, name)
-            raise click.UsageError(
-                f"--{flag.replace('_', '-')} goes with {goes_with}; {this}. Leave it out."
-            )
+            key = {"units": "unit", "sensitivities": "sensitivity"}.get(name, name)
+            flag = f"--{name}" if name in FLAGS else f"--reading {key}"
+            flag = "--setting dtdl" if name == "dtdl" else flag
+            raise click.UsageError(f"{flag} goes with {goes_with}; {this}. Leave it out.")

@@ -63,10 +63,13 @@ def _recorded(
         raise click.UsageError(f"{path.name} lacks samples. Cut it at its gaps.")
     names = record.channels
     if channel is None and len(names) != 1:
-        raise click.UsageError(f"{path.name} has {', '.join(names)}. Name one with --channel.")
+        raise click.UsageError(
+            f"{path.name} has {', '.join(names)}. Name one with --setting channel=NAME."
+        )
     if channel is not None and channel not in names:
         raise click.UsageError(
-            f"{path.name} has no {channel}, but: {', '.join(names)}. Name one with --channel."
+            f"{path.name} has no {channel}, but: {', '.join(names)}. Name one with --setting "
+            "channel=NAME."
         )
     column = names.index(channel) if channel is not None else 0
     samples = record.samples[:, column].astype(float).tolist()

@@ -39,4 +39,4 @@ def test_every_field_and_kind_is_described():
     assert set(EventContent.model_fields) | {"event", "at", "slow_time", "person"} <= described
     assert {*CORRECTABLE, "corrects"} <= described
     assert {TOLD, QUESTION, "model_changed", "alarm_cleared"} <= described
-    assert {arguments[1] for arguments in TYPED} == {"add", "list", "undo"}
+    assert {arguments[2] for arguments in TYPED} == {"add", "list", "undo"}

@@ -21,7 +21,7 @@ def test_units_and_sensitivities_that_are_named_are_understood():
     named = re.findall(r"`([^`]+)`", units)
     assert len(named) >= 8
     assert all(unit_of(unit) is not None for unit in named)
-    given = re.findall(r"--sensitivity '?(?:\w+=)?([^\s`']+)", TEXT)
+    given = re.findall(r"--reading sensitivity='?(?:\w+=)?([^\s`']+)", TEXT)
     assert len(given) >= 2
     for text in given:
         sensitivity_of(text)

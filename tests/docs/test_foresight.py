@@ -36,4 +36,4 @@ def test_every_command_parses(arguments, tmp_path, monkeypatch):
 
 def test_all_kinds_of_example_are_shown():
     assert {kind for kind, _ in BLOCKS} == set(OF)
-    assert {arguments[0] for arguments in TYPED} == {"forecast", "whatif"}
+    assert {arguments[1] for arguments in TYPED} == {"forecast", "whatif"}

@@ -2,6 +2,7 @@
 
 import dataclasses
 import inspect
+import itertools
 from typing import Literal, get_type_hints
 
 import click
@@ -118,7 +119,11 @@ def test_every_option_is_described_once_and_said_everywhere(options, function):
     declared = parameter_entries(options)
     assert set(declared) == set(get_type_hints(options))
     python = parameter_entries(function)
-    helps = {option.name: getattr(option, "help", "") for option in identify.params}
+    keys = (getattr(option, "settings", {}).values() for option in identify.params)
+    helps = {
+        option.name: getattr(option, "help", "")
+        for option in itertools.chain(identify.params, *keys)
+    }
     for name, text in declared.items():
         assert python[name] == text
         assert helps[name] == text

@@ -4,6 +4,7 @@ import functools
 import json
 import logging
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -24,6 +25,9 @@ from slowtime_schemas.quantities import Quantity
 from slowtime_schemas.streams import FEATURES
 from slowtime_services.bus import ZenohBus
 from slowtime_services.record import RecordingWriter
+
+NESTED = re.compile(r"\t[\[{(]|^[\[{(][^\n]*\t", re.MULTILINE)
+"""A mapping, a list or a tuple in a field of a line with tabs."""
 
 RATE_HZ = 100.0
 FREQUENCY_HZ = 3.0
@@ -71,7 +75,9 @@ def run(capsys, tmp_path, monkeypatch):
             main([str(argument) for argument in arguments])
         status = left.value.code
         assert isinstance(status, int)
-        return Done(status, *capsys.readouterr())
+        done = Done(status, *capsys.readouterr())
+        assert not NESTED.search(done.out), "a cell of a table holds a mapping or a list"
+        return done
 
     return command
 

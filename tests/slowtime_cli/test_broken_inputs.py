@@ -84,8 +84,8 @@ def test_a_verb_whose_output_is_not_read_ends_without_a_trace(tmp_path, monkeypa
         ["effects"],
         ["plugins"],
         ["completion", "bash"],
-        ["doctor", "--json"],
-        ["reliability", "p.yaml", "--json"],
+        ["doctor", "--out", "-"],
+        ["reliability", "p.yaml", "--out", "-"],
         [
             "simulate",
             "--model",

@@ -110,35 +110,35 @@ def test_help_and_refusals_import_nothing_that_takes_long():
 
 
 ASKED = (
-    "forecast --asset lab.a",
-    "risk --asset lab.a",
-    "plan --asset lab.a",
-    "plan --fleet",
-    "whatif --asset lab.a --load step --amplitude 1",
+    "twin forecast --asset lab.a",
+    "twin risk --asset lab.a",
+    "twin plan --asset lab.a",
+    "twin plan --fleet",
+    "twin whatif --asset lab.a --load step --amplitude 1",
     "export --asset lab.a --out a.csv",
     "export --out a.json",
-    "composite list",
-    "composite show lab.a",
-    "composite export --out a.json",
-    "event add lab.a --kind note --text seen",
-    "event list lab.a",
-    "event undo lab.a r1",
-    "alarms deliveries lab.a",
-    "alarms test lab.a",
-    "holdings list",
-    "holdings cancel h1",
-    "quarantine list lab.a",
-    "quarantine drop lab.a 1",
-    "quarantine release lab.a 1",
+    "twin composite list",
+    "twin composite show lab.a",
+    "twin composite export --out a.json",
+    "twin event add lab.a --kind note --text seen",
+    "twin event list lab.a",
+    "twin event undo lab.a r1",
+    "twin alarms deliveries lab.a",
+    "twin alarms test lab.a",
+    "twin holdings list",
+    "twin holdings cancel h1",
+    "twin quarantine list lab.a",
+    "twin quarantine drop lab.a 1",
+    "twin quarantine release lab.a 1",
 )
 """Each verb that asks a server, but for its address."""
 BESIDE = {
     "doctor": "asks a router, too",
     "replay": "reads a recording",
-    "ledger head": "checks signatures",
-    "ledger prove": "reads a recording",
-    "composite add": "reads a file",
-    "composite import": "reads a file",
+    "db ledger head": "checks signatures",
+    "db ledger prove": "reads a recording",
+    "twin composite add": "reads a file",
+    "twin composite import": "reads a file",
 }
 """Verbs that ask a server, and do something beside."""
 
@@ -211,7 +211,10 @@ def test_every_help_is_told_and_every_missing_file_refused_by_name():
 @pytest.mark.parametrize(("path", "command"), WORKS, ids=[" ".join(path) for path, _ in WORKS])
 def test_the_work_of_a_verb_takes_the_arguments_that_it_declares(path, command):
     handed_on = [one for one in command.params if one.expose_value]
-    given: dict[Any, Any] = {parameter.name: None for parameter in handed_on}
+    names = {parameter.name for parameter in handed_on} | {*command.fixed}
+    for parameter in command.params:
+        names.update(getattr(parameter, "handed_on", ()))
+    given: dict[Any, Any] = dict.fromkeys(names)
     inspect.signature(command.callback).bind(**given)
     work = command.load()
     of_record = {"record_path", *(field.name for field in dataclasses.fields(ReadingOptions))}

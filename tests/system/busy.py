@@ -93,7 +93,7 @@ def run(house: House, minutes: float) -> dict[str, Any]:
                 done["registrations"] += 1
                 copy = house.home / f"backup-{done['backups']}.sqlite"
                 database = str(house.home / "twin.sqlite")
-                house.start("backup", "backup", database, "--out", str(copy))
+                house.start("backup", "db", "backup", database, "--out", str(copy))
                 assert house.wait("backup", 600) == 0
                 copy.unlink()
                 done["backups"] += 1

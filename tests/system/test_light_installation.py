@@ -47,7 +47,7 @@ def test_an_edge_over_a_file_leaves_features_in_its_spool(tmp_path):
         '[input]\nkind = "file"\npath = "a.csv"\nrate_hz = 100.0\nstart_ns = 1\n'
         "[extract]\nwindow_s = 10.0\n[publish]\nlinger_s = 0.0\n"
     )
-    done = run("edge", "--config", "edge.toml", "--spool", "spool", folder=tmp_path)
+    done = run("edge", "--config", "edge.toml", "--setting", "spool=spool", folder=tmp_path)
     assert done.returncode == 0, done.stderr
     files = [path for path in (tmp_path / "spool").rglob("*") if path.is_file()]
     kept = b"".join(path.read_bytes() for path in files)
@@ -72,7 +72,7 @@ def test_a_simulated_tower_needs_no_compiler(tmp_path):
     [
         (("twin",), "twin"),
         (("identify", "a.csv"), "analysis"),
-        (("edge", "--recording", "a.csv"), "analysis"),
+        (("edge", "--file", "a.csv"), "analysis"),
     ],
 )
 def test_a_verb_that_needs_more_names_the_extra(words, extra, tmp_path):

@@ -107,7 +107,7 @@ def broker(tmp_path):
 
 def test_a_board_on_mqtt_ends_in_a_valid_twin(house, broker):
     begin(house, broker.url, layout=JSON)
-    publish(house, broker.url, "--loss", "0.02")
+    publish(house, broker.url, "--setting", "loss=0.02")
     state = until_valid(house)
     assert state["sensor"]["samples_received"] > 500
     house.until(lambda: state_of(house)["sensor"]["samples_lost"] > 0, "losses to be told")

@@ -58,7 +58,7 @@ def test_the_moved_support_is_followed_through_the_whole_flow(house, data, trial
     house.twin()
     house.put("/api/v1/twins/rig.beam", {"changes": "stiffness", "learn_epochs": 2})
     house.start(
-        "edge", "edge", "--site", "rig", "--asset", "beam", "--recording", str(recording),
+        "edge", "edge", "--site", "rig", "--asset", "beam", "--file", str(recording),
         "--speed", "0", "--window-s", "1", "--hop-s", "0.1", "--connect", house.endpoint,
     )  # fmt: skip
     assert house.wait("edge", 600.0) == 0

@@ -107,7 +107,7 @@ _OURS = {
     ),
     SET_ASIDE: (
         "The estimation of this epoch exceeded its budget of work or failed, and its message "
-        "was set aside. Look at it with `slowtime quarantine`, and release or drop it."
+        "was set aside. Look at it with `slowtime twin quarantine`, and release or drop it."
     ),
 }
 

@@ -43,8 +43,8 @@ def backup(database: Path, out: Path, tell: Tell | None = None) -> None:
                 copy.execute("pragma journal_mode=delete")
         except sqlite3.Error as error:
             raise WrongStoreError(
-                f"{database} cannot be copied: {error}. Look at it with `slowtime check`, and "
-                "at the room on the disk."
+                f"{database} cannot be copied: {error}. Look at it with `slowtime db check`, "
+                "and at the room on the disk."
             ) from error
         verify_file(part, tell, source=database)
         _sync(part)

@@ -173,9 +173,9 @@ class Ground:
         return (
             f"Another program has written into {self._path}, or cut its log, while the server "
             "used it: a copy over it, or an SQL shell. Nothing is acknowledged, or answered "
-            "from it. End the server, restore the last backup with `slowtime restore` if you "
-            "did not, and start the server: it verifies all rows, and requests what is missing "
-            "from the edge agents."
+            "from it. End the server, restore the last backup with `slowtime db restore` if "
+            "you did not, and start the server: it verifies all rows, and requests what is "
+            "missing from the edge agents."
         )
 
 

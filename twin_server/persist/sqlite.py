@@ -406,7 +406,7 @@ def _explain_file_errors(path: Path) -> Iterator[None]:
 def _damaged(path: Path, what: str) -> DamagedStoreError:
     return DamagedStoreError(
         f"{path} is damaged, or no database of slowtime: {what}. Nothing is answered from it. "
-        "Keep it aside and restore the last backup with `slowtime restore`. Give another "
+        "Keep it aside and restore the last backup with `slowtime db restore`. Give another "
         "--database to begin anew. Edges send again what they still hold; what they do not is "
         "reported as lost."
     )

@@ -39,8 +39,8 @@ SHIFT = 40
 _LOOK_BACK = 1_000
 NOT_SIGNED = (
     "The ledger is not signed any more, because the database is not proven. Readings are "
-    "taken in as before. The log, `slowtime ledger head` and events `ledger_refused` say what "
-    "differs."
+    "taken in as before. The log, `slowtime db ledger head` and events `ledger_refused` say "
+    "what differs."
 )
 
 

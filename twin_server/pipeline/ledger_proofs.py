@@ -98,7 +98,7 @@ class LedgerProofs:
             raise ProblemError(
                 404,
                 "no-ledger-key",
-                "This server signs nothing, since it has no key. Create one with `slowtime "
+                "This server signs nothing, since it has no key. Create one with `slowtime db "
                 "ledger key`, and start the server with --ledger-key.",
             )
         if signer.refusal:
@@ -106,7 +106,8 @@ class LedgerProofs:
                 409,
                 "ledger-refused",
                 "The server cannot prove its database, and signs nothing any more. Verify the "
-                "heads that you kept with `slowtime ledger verify` and a copy of the database.",
+                "heads that you kept with `slowtime db ledger verify` and a copy of the "
+                "database.",
             )
         found = signer.tree_head(twin_id)
         if found is None:

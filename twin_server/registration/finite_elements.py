@@ -36,8 +36,8 @@ def self_contained(value: Any) -> Any:
     if value.get("matrices") is not None:
         raise ValueError(
             "The model names matrices in files, which the server cannot read. Reduce it where "
-            "they are, and send what that writes: slowtime reduce MODEL --band-hz F --out "
-            "REDUCED.json."
+            "they are, and send what that writes: slowtime model reduce MODEL --band-hz F "
+            "--out REDUCED.json."
         )
     from slowtime_services.matrices import describe_reduced, matrix_model_of
     from slowtime_services.wireframes import geometry_of, with_geometry
@@ -53,7 +53,7 @@ def self_contained(value: Any) -> Any:
     if len(file.frame.nodes) > MOST_NODES:
         raise ValueError(
             f"The frame has {len(file.frame.nodes)} nodes. Allowed in a registration are "
-            f"{MOST_NODES}; reduce it before: slowtime reduce MODEL --band-hz F --out "
+            f"{MOST_NODES}; reduce it before: slowtime model reduce MODEL --band-hz F --out "
             "REDUCED.json."
         )
     try:

@@ -146,7 +146,7 @@ NEXT: dict[FindingKind, str] = {
     "readings_late": "Look at the log of the sensor agent.",
     "learning": "Wait: the first readings are the reference.",
     "not_valid": "Follow the reasons beside the latest state.",
-    "set_aside": "Look at them with `slowtime quarantine`, and release or drop them.",
+    "set_aside": "Look at them with `slowtime twin quarantine`, and release or drop them.",
 }
 """What to do about each kind of finding."""
 

@@ -74,7 +74,7 @@ def shapes_of(knowledge: Knowledge, twin_id: str, at: Moment | None) -> dict[str
             404,
             "no-geometry",
             f"The model of {twin_id} has no geometry. Register a `frame`, or a model that "
-            "`slowtime reduce --out` wrote of matrices whose `dofs` have positions.",
+            "`slowtime model reduce --out` wrote of matrices whose `dofs` have positions.",
         )
     return {
         **{key: state[key] for key in ("id", "t_ns", "slow_time", "slow_time_unit")},

@@ -2,7 +2,7 @@
 
 Run `python -m benchmarks.methods.lattice_tower.reduction [--part small large] [--trials 200]`.
 pyfe3d makes a tower of 20,160 degrees of freedom (`small`) and one of 204,480 (`large`), whose
-matrices are written as Matrix Market text. `slowtime reduce` reads and reduces them in a
+matrices are written as Matrix Market text. `slowtime model reduce` reads and reduces them in a
 process of its own, whose time and memory are measured. Then the reduced model is compared with
 full solutions at random parameters. An updated model is measured in milliseconds and as a ratio
 to one full solution.
@@ -80,7 +80,7 @@ class Accuracy:
 
 
 def reduce_by_command(model: Path, out: Path) -> ProcessCost:
-    """Run `slowtime reduce` in a process of its own.
+    """Run `slowtime model reduce` in a process of its own.
 
     Parameters
     ----------
@@ -98,7 +98,16 @@ def reduce_by_command(model: Path, out: Path) -> ProcessCost:
     RuntimeError
         Where the command fails.
     """
-    given = ["reduce", str(model), "--modes", str(MODES), "--span", str(SPAN), "--trials", "0"]
+    given = [
+        "reduce",
+        str(model),
+        "--modes",
+        str(MODES),
+        "--span",
+        str(SPAN),
+        "--setting",
+        "trials=0",
+    ]
     command = [sys.executable, "-m", "slowtime_cli", *given, "--out", str(out)]
     start = time.perf_counter()
     _, status, used = os.wait4(os.spawnv(os.P_NOWAIT, sys.executable, command), 0)

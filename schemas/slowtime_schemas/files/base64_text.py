@@ -16,6 +16,6 @@ def checked_base64(value: str) -> str:
         base64.b64decode(value, validate=True)
     except (binascii.Error, ValueError) as error:
         raise ValueError(
-            f"This is no base64 ({error}). Write the file by `slowtime reduce --out`."
+            f"This is no base64 ({error}). Write the file by `slowtime model reduce --out`."
         ) from None
     return value

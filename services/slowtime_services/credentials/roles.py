@@ -125,7 +125,7 @@ def player() -> Role:
 ROLES: Mapping[str, str] = {
     "router": "carries everything; what others connect to",
     "server": "the twin server",
-    "observer": "`slowtime record` and `slowtime status`: reads all, writes nothing",
+    "observer": "`slowtime record` and `slowtime router status`: reads all, writes nothing",
     "player": "`slowtime replay`: writes what any edge of the site may",
     "edge": "the edge agent of one asset, which writes that asset's keys only",
 }

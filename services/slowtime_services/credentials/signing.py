@@ -56,13 +56,13 @@ class Signer:
         from cryptography.hazmat.primitives.serialization import load_pem_private_key
 
         if not path.is_file():
-            raise CredentialsError(f"There is no key {path}. Make one: slowtime ledger key.")
+            raise CredentialsError(f"There is no key {path}. Make one: slowtime db ledger key.")
         if access_of_others(path):
             mode = stat.S_IMODE(path.stat().st_mode)
             raise CredentialsError(
                 f"{path} holds a secret, but other users of this computer can read it "
                 f"(permissions {mode:04o}; must be 0600). Run: chmod 600 {path}. If "
-                "somebody may have read it, create a new key with `slowtime ledger key` "
+                "somebody may have read it, create a new key with `slowtime db ledger key` "
                 "and stop using this one."
             )
         key = None
@@ -70,7 +70,8 @@ class Signer:
             key = load_pem_private_key(path.read_bytes(), password=None)
         if not isinstance(key, Ed25519PrivateKey):
             raise CredentialsError(
-                f"{path} is not an Ed25519 private key in PEM. Make one: slowtime ledger key."
+                f"{path} is not an Ed25519 private key in PEM. Make one: slowtime db ledger "
+                "key."
             )
         return cls(key)
 

@@ -45,7 +45,7 @@ STACKS = 40
 at once. Source: 21 GB of 200 coordinates and 400 constants."""
 MOST_BYTES = 8 * 2**30
 """[bytes] Of these. Source: half of what a machine with 16 GB has."""
-ANYWAY = "If this is correct, skip this check with --unchecked."
+ANYWAY = "If this is correct, skip this check with --setting unchecked=yes."
 
 Sizes = Float[np.ndarray, " sensor"]
 
@@ -72,8 +72,8 @@ def refuse_large_models(model: Description, kinds: Mapping[str, Kind] | None = N
             f"A model of {coordinates} coordinates of which {constants} constants may be off "
             f"takes about {size / 2**30:.0f} GB to fit; at most {MOST_BYTES / 2**30:.0f} GB "
             "are allowed. Models are reduced to the band of their records, but not with "
-            f"{reason}. Reduce it with `slowtime reduce`, join nodes, or state a tolerance "
-            "of 0 for constants that are known."
+            f"{reason}. Reduce it with `slowtime model reduce`, join nodes, or state a "
+            "tolerance of 0 for constants that are known."
         )
 
 
@@ -147,10 +147,10 @@ def _refuse_slow(model: Description, trial: Trial, plant: Plant, name: str) -> N
         raise RecordError(
             f"{name} has {trial.rate_hz:.4g} samples per second, which show vibration up to "
             f"{trial.rate_hz / 2:.4g} Hz only, and the lowest natural frequency of the model "
-            f"is {own[0]:.4g} Hz. Check the units of the model (N, kg, m) and the clock of the "
-            "record: where it does not count seconds, name the unit in the head of the column, "
-            "such as t_ms, or give --rate-hz. If both are right, --unchecked diagnoses the "
-            "record all the same."
+            f"is {own[0]:.4g} Hz. Check the units of the model (N, kg, m) and the clock of "
+            "the record: where it does not count seconds, name the unit in the head of the "
+            "column, such as t_ms, or give --rate-hz. If both are right, --setting "
+            "unchecked=yes diagnoses the record all the same."
         )
 
 

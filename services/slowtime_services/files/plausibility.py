@@ -176,7 +176,7 @@ def refuse_beyond(name: str, rate_hz: float) -> None:
         raise RecordError(
             f"{name}: the file's own figures make {rate_hz:.6g} Hz, which is not a "
             f"plausible sampling rate for vibration ({SLOWEST_HZ:g} Hz to {FASTEST_HZ:g} "
-            "Hz are). Give the unit of the times with --time-unit, or give --rate-hz, "
+            "Hz are). Give the unit of the times with --reading time_unit, or give --rate-hz, "
             f"{rate_hz:.6g} if that is right."
         )
 
@@ -199,8 +199,8 @@ def refuse_disagreement(
         raise RecordError(
             f"The heading of {name} states {_quoted(facts, 'count')}, as many as its "
             f"{measured.rows} rows of {measured.width} columns hold together. "
-            "Give --wrapped if "
-            "all are one series, or --not-wrapped and --rate-hz if columns are channels."
+            "Give --reading wrapped=yes if "
+            "all are one series, or --reading wrapped=no and --rate-hz if columns are channels."
         )
 
 
@@ -306,7 +306,8 @@ def _without_doubtful(
         f"The {measured.width} columns of {name} have no names. They may be one series that "
         f"is written {measured.width} values a line ({measured.series} samples), or "
         f"{measured.width} channels of {measured.rows} samples{_quoting(facts, 'count')}. Say "
-        "--wrapped if it is one series, --not-wrapped if columns are channels."
+        "--reading wrapped=yes if it is one series, --reading wrapped=no if columns are "
+        "channels."
     )
 
 
@@ -401,7 +402,7 @@ def _by_clock(name: str, facts: Facts, measured: RowFigures) -> ReadingVerdict:
                 raise RecordError(
                     f"The heading of {name} states {fact.text!r} (line {fact.line}); its clock "
                     f"has no unit, and in seconds would last {lasting / rate:.6g} s. Say in "
-                    "which unit times are with --time-unit, or give --rate-hz."
+                    "which unit times are with --reading time_unit, or give --rate-hz."
                 )
             notes.append(
                 f"The heading states {fact.text!r} (line {fact.line}), by its clock the file "
@@ -431,7 +432,7 @@ def _contradiction(
         f"The heading of {name} states {_quoted(facts, 'count', 'duration')}; the file "
         f"has {has}"
         f". It was cut, thinned, or is laid out otherwise. Give {flag} to read it as it stands"
-        + (", with --wrapped if all columns are one series." if width > 1 else ".")
+        + (", with --reading wrapped=yes if all columns are one series." if width > 1 else ".")
     )
 
 

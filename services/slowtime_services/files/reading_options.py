@@ -17,6 +17,9 @@ DateOrder = Literal["dmy", "mdy", "ymd"]
 Repeated = Literal["drop", "keep"]
 """What is done with rows that repeat the one before."""
 
+RARE = {"rare": True}
+"""Metadata of a field that few need; the command line takes it as a key of `--reading`."""
+
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class ReadingOptions:
@@ -56,19 +59,20 @@ class ReadingOptions:
 
     rate_hz: float | None = None
     channels: Sequence[str] | None = None
-    skip_lines: int | None = None
-    columns: Sequence[str] | None = None
-    time_column: str | None = None
-    time_unit: TimeUnit | None = None
-    date_order: DateOrder | None = None
-    wrapped: bool | None = None
-    repeated: Repeated | None = None
-    keep: Sequence[str] = ()
+    skip_lines: int | None = dataclasses.field(default=None, metadata=RARE)
+    columns: Sequence[str] | None = dataclasses.field(default=None, metadata=RARE)
+    time_column: str | None = dataclasses.field(default=None, metadata=RARE)
+    time_unit: TimeUnit | None = dataclasses.field(default=None, metadata=RARE)
+    date_order: DateOrder | None = dataclasses.field(default=None, metadata=RARE)
+    wrapped: bool | None = dataclasses.field(default=None, metadata=RARE)
+    repeated: Repeated | None = dataclasses.field(default=None, metadata=RARE)
+    keep: Sequence[str] = dataclasses.field(default=(), metadata=RARE)
     units: Sequence[str] = dataclasses.field(
         default=(), metadata={"flag": "--unit", "metavar": "[CHANNEL=]UNIT"}
     )
     sensitivities: Sequence[str] = dataclasses.field(
-        default=(), metadata={"flag": "--sensitivity", "metavar": "[CHANNEL=]SENSITIVITY"}
+        default=(),
+        metadata={"flag": "--sensitivity", "metavar": "[CHANNEL=]SENSITIVITY", **RARE},
     )
 
 

@@ -284,7 +284,7 @@ def _without_rate(file: str, sheet: Sheet) -> RecordError:
     may = f" What its heading states, {doubtful}, may be of something else." if doubtful else ""
     return RecordError(
         f"{file} does not say how often it was sampled: {no_clock(sheet)}.{may} "
-        "Give --rate-hz, or name the clock with --time-column."
+        "Give --rate-hz, or name the clock with --reading time_column."
     )
 
 

@@ -324,9 +324,8 @@ class _FileRows:
                     fields.append(beyond[-1][1])
                 raise RecordError(
                     f"Line {index + 1} has {len(fields)} fields, the lines before it {width}. "
-                    "Correct or remove that line; if the first rows are not data, skip "
-                    "them with "
-                    "--skip-lines."
+                    "Correct or remove that line; if the first rows are not data, skip them "
+                    "with --reading skip_lines."
                 )
             rows.append(fields)
             numbers.append(index + 1)
@@ -368,7 +367,7 @@ class _FileRows:
             raise RecordError(
                 f"Line {line} has {text[:40]!r} where a number should be. Correct or "
                 "remove that line, or give the number of lines before the numbers with "
-                "--skip-lines."
+                "--reading skip_lines."
             )
         return dialect.number(text)
 

@@ -167,7 +167,7 @@ def _lines(file: str, curves: Sequence[FrfCurve]) -> np.ndarray:
                 f"{len(curve.frequency_hz)} lines to {curve.frequency_hz[-1]:g} Hz, "
                 f"{curves[0].output[0]} over {curves[0].input[0]} {len(hz)} to {hz[-1]:g} Hz. "
                 "Give a file for each, or the same lines in all (of hammer tests: the same "
-                "--block-s)."
+                "--setting block_s)."
             )
     kept = np.asarray(hz > 0)
     if kept.sum() < LEAST_LINES or not (np.diff(hz) > 0).all():
@@ -191,14 +191,14 @@ def _kind(matrix: Sequence[Sequence[FrfCurve]], given: Kind | None, said: list[s
             several = ", ".join(map(str, kinds))
             raise RecordError(
                 f"Frequency responses are of several quantities ({several}). Give a "
-                "file for each, or state one with --frf-kind."
+                "file for each, or state one with --setting frf_kind."
             )
         if given is None and kinds:
             return next(iter(kinds))
     if given is None:
         said.append(
             "frequency responses are treated as accelerations per force, because the file does "
-            "not say. --frf-kind states another quantity."
+            "not say. --setting frf_kind states another quantity."
         )
     return given or "acceleration"
 

@@ -1,4 +1,4 @@
-"""Proofs in files: what `slowtime ledger prove` fetches, verified without a server.
+"""Proofs in files: what `slowtime db ledger prove` fetches, verified without a server.
 
 A proof says of one twin that its chain begins with the entries that a kept tree head covers (a
 consistency proof), and, if asked, that one reading is among its entries (an inclusion proof).
@@ -83,8 +83,8 @@ def verify(
         return _verify_tree(told, kept, public)
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(
-            f"It is no proof for this head: {error}. Give what `slowtime ledger prove` wrote "
-            "with the same --head."
+            f"It is no proof for this head: {error}. Give what `slowtime db ledger prove` "
+            "wrote with the same --head."
         ) from error
 
 

@@ -102,7 +102,7 @@ def read_reduced(path: Path) -> AdaptiveModel:
     except (OSError, KeyError, ValueError, TypeError, zipfile.BadZipFile) as error:
         raise MatrixFileError(
             f"{path.name} is not a valid reduced model: {reason_of(error)} Give a file that "
-            "`slowtime reduce --out` wrote."
+            "`slowtime model reduce --out` wrote."
         ) from error
 
 

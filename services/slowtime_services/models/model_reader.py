@@ -126,7 +126,7 @@ def parse_model(
     if is_finite_elements(values):
         raise ModelFileError(
             f"{name} is a finite-element model. Allowed here are nodes and elements on a line; "
-            "reduce it first: slowtime reduce MODEL --band-hz F --out REDUCED.yaml."
+            "reduce it first: slowtime model reduce MODEL --band-hz F --out REDUCED.yaml."
         )
     model = _validated(_family(values), values, lines, name, len(text))
     try:

@@ -24,7 +24,7 @@ CHUNK_NS = 10**9
 """Longest time that the messages of a chunk cover, those longer by themselves excepted."""
 MOST_REPACKED = 200_000
 """[messages] Of a file that is repacked when it is closed. Source: it takes some 20 s;
-`slowtime recover` repacks any."""
+`slowtime mcap recover` repacks any."""
 MOST_CHANNELS = 2**16 - 1
 """Channels of a file, each a stream of an asset: MCAP numbers them with 16 bits, from 1."""
 LIBRARY = "slowtime"

@@ -78,7 +78,7 @@ def check(path: Path, supervise: Supervise = unpaused) -> None:
             else f"exit status {process.returncode}"
         )
         raise RecordingError(
-            f"It broke its reader ({how}): it is damaged, or was made to. Run `slowtime "
+            f"It broke its reader ({how}): it is damaged, or was made to. Run `slowtime mcap "
             "recover` on it, and give what that leaves."
         )
 

@@ -76,7 +76,7 @@ def layout_of(topics: Collection[str]) -> Node:
             "There are no features, states or health in this recording, and nothing to plot"
             + (
                 ": it holds raw samples only, which Foxglove cannot decode. Run them through "
-                "an edge agent, slowtime edge --recording FILE, while slowtime record listens."
+                "an edge agent, slowtime edge --file FILE, while slowtime record listens."
                 if samples
                 else ". Record them: slowtime record."
             )

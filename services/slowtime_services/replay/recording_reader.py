@@ -223,8 +223,8 @@ def _check_ends(path: Path, file: BinaryIO) -> None:
 
 def _is_damaged(path: Path, how: str) -> str:
     return (
-        f"{path} is damaged: {how.rstrip('.')}. Run `slowtime recover {path} --out OUT.mcap`, "
-        "which keeps all that can be read, and use OUT.mcap."
+        f"{path} is damaged: {how.rstrip('.')}. Run `slowtime mcap recover {path} --out "
+        "OUT.mcap`, which keeps all that can be read, and use OUT.mcap."
     )
 
 

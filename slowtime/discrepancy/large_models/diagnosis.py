@@ -114,7 +114,7 @@ def _start(
         raise ValueError(
             f"{modes.kept} modes of the model lie below {MODE_MARGIN:g} times {band_hz:.3g} "
             f"Hz, up to which inputs drive it; at most {MOST_MODES} are allowed. Filter and "
-            "resample the records to a lower band, or reduce the model by `slowtime reduce`."
+            "resample the records to a lower band, or run `slowtime model reduce` on the model."
         )
     bare = reduce_model(large, modes, {})
     start = refit(Plant.of(bare.small, kinds=kinds), records, free=[], horizons=(1.0,))

@@ -167,7 +167,7 @@ def _describe_shape(shaped: ShapedRegression) -> str:
     told += f" (it {' and '.join(ways)})" if ways else ""
     if shaped.gain > 0:
         return f"{told}: the log evidence is {shaped.gain:.2g} higher than without."
-    return f"{told}, as --surface demands."
+    return f"{told}, as --setting surface demands."
 
 
 def _describe_level(closed: ClosedGap) -> str:
@@ -207,7 +207,8 @@ def _describe_refusals(shaped: ShapedRegression) -> str:
     return "".join(
         f" The demanded shape, {words}, does not fit these records: it would lower the log "
         f"evidence{f' by {loss:.2g}' if np.isfinite(loss) else ''}, so the surface was fitted "
-        "without it. Use --surface auto, or give records of more motion if you know that the "
+        "without it. Use --setting surface=auto, or give records of more motion if you know "
+        "that the "
         "force has this shape."
         for words, loss in shaped.refused
     )

@@ -85,7 +85,7 @@ def along_decay_note(
     return (
         f"mode at {mode.frequency_hz.value:.4g} Hz: {law.sentence} Its values are those "
         f"at amplitude {strong[len(strong) // 2]:.3g}, with the range down to a tenth of the "
-        "largest; `slowtime distortion --decay` prints the table."
+        "largest; `slowtime modes distortion --decay` prints the table."
     )
 
 

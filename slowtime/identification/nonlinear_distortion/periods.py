@@ -121,7 +121,8 @@ def realisation_of(
     if count < 1:
         raise ValueError(
             f"The record has {len(given)} samples, {transient} of them transient: not one "
-            f"period of {period}. Give a longer record, or fewer samples of --transient."
+            f"period of {period}. Give a longer record, or fewer samples of --setting "
+            "transient."
         )
     first = len(given) - count * period
     spectra = [

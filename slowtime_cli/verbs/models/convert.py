@@ -13,8 +13,8 @@ from slowtime_cli.shared.options import OutFile
     extra="analysis",
     epilog="""\b
 Examples:
-  slowtime convert tower.bdf --out tower.yaml
-  slowtime convert tower.inp --out tower.yaml --unit mm --parameters
+  slowtime model convert tower.bdf --out tower.yaml
+  slowtime model convert tower.inp --out tower.yaml --unit mm --parameters
 
 Read are beams, bars, flat shells, springs, masses, rigid links, relations and supports of
 Nastran (.bdf, .dat, .nas) and of Abaqus or CalculiX (.inp). docs/matrices.md lists the cards.
@@ -41,6 +41,7 @@ def convert(**_given: object) -> None:
     """Convert a mesh of beams, bars and shells to a model file.
 
     The sections of the mesh become groups of elements, which parameters scale. Entries that are
-    not supported and may affect the result are listed in an error. `slowtime reduce` prints the
-    natural frequencies of the model file; sensors and inputs are added to it by hand.
+    not supported and may affect the result are listed in an error. `slowtime model reduce`
+    prints the natural frequencies of the model file; sensors and inputs are added to it by
+    hand.
     """

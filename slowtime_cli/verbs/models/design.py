@@ -7,6 +7,8 @@ import click
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING
 from slowtime_cli.shared.options import Real
+from slowtime_cli.shared.outputs import out_option
+from slowtime_cli.shared.settings import setting, settings_option
 
 
 @click.command(
@@ -16,9 +18,9 @@ from slowtime_cli.shared.options import Real
     epilog="""\b
 Examples:
   slowtime design cantilever.yaml
-  slowtime design damper.yaml --out-model tower_with_damper.yaml
+  slowtime design damper.yaml --out tower_with_damper.yaml
   slowtime design damper.yaml --alpha 1 --alpha 0.5 --alpha 0
-  slowtime design damper.yaml --json
+  slowtime design damper.yaml --out -
 
 The file names design variables with their bounds, random inputs, an objective, and limit
 states with the probability of failure that is accepted; with a model file, variables add
@@ -35,28 +37,26 @@ docs/design.md lists what it may hold.
     help="Weight of the mean in the objective, instead of the file's: 1 is the mean alone, 0 "
     "the standard deviation alone. May be repeated: a table compares the designs.",
 )
-@click.option(
-    "--cov",
-    "variation",
-    type=Real(min=0, max=1, min_open=True, max_open=True),
-    default=0.02,
-    show_default=True,
-    help="Coefficient of variation of the verified probabilities of failure.",
+@out_option(
+    "Model with the design built in (.yaml), or the figures (.json).", ".yaml", to="out_model"
 )
-@click.option(
-    "--out-model",
-    type=click.Path(dir_okay=False, path_type=Path),
-    metavar="FILE.yaml",
-    help="Write the model with the design built in.",
+@settings_option(
+    setting(
+        "--cov",
+        "variation",
+        type=Real(min=0, max=1, min_open=True, max_open=True),
+        default=0.02,
+        show_default=True,
+        help="Coefficient of variation of the verified probabilities of failure.",
+    ),
+    setting(
+        "--seed",
+        type=click.IntRange(min=0),
+        default=0,
+        show_default=True,
+        help="Seed of the random inputs.",
+    ),
 )
-@click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    default=0,
-    show_default=True,
-    help="Seed of the random inputs.",
-)
-@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
 def design(alphas: tuple[float, ...], out_model: Path | None, **_given: object) -> None:
     """Choose a damper, mass or stiffness: cheap, robust and safe.
 

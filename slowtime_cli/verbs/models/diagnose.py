@@ -7,8 +7,10 @@ import click
 from slowtime_cli.shared.declared import options_of
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING, READING, Effects
+from slowtime_cli.shared.help_pages import Rare
 from slowtime_cli.shared.options import POSITIVE
-from slowtime_cli.shared.report_flags import report_flags
+from slowtime_cli.shared.report_flags import report_flag, wording
+from slowtime_cli.shared.settings import setting, settings_option
 from slowtime_services.files.reading_options import ReadingOptions
 
 PATIENCE_S, MASSES, MORE, LARGE = 70.0, 3, 2.0, 5.0
@@ -68,7 +70,7 @@ RECORD, SURFACE = RecordName(), SurfaceWords()
 Examples:
   slowtime diagnose rig.yaml low.csv high.csv --holdout other.csv --out found
   slowtime diagnose drive.yaml DATA_EMPS.mat --channel "force=gtau*vir" --channel x=qm
-  slowtime diagnose --history twin.sqlite --twin lab.beam --out found
+  slowtime diagnose --history twin.sqlite --asset lab.beam --out found
   slowtime diagnose --history bridge.csv
   slowtime diagnose --batch rigs --out found --jobs 4
 """,
@@ -83,7 +85,7 @@ Examples:
     "slow_time, and stiffness_change, frequency_ratio or frequency_hz, each with _sd if known; "
     "other columns are covariates.",
 )
-@click.option("--twin", metavar="SITE.ASSET", help="Twin in the database.")
+@click.option("--asset", "twin", metavar="SITE.ASSET", help="Twin in the database.")
 @click.option(
     "--holdout",
     multiple=True,
@@ -99,7 +101,7 @@ Examples:
     show_default=True,
     help="Folder for report.html, report.json and augmented.yaml.",
 )
-@report_flags
+@report_flag
 @click.option("--quick", is_flag=True, help="Search for one effect, among fewer candidates.")
 @click.option(
     "--effects",
@@ -108,6 +110,7 @@ Examples:
     metavar="FILE|NAME",
     help="Python file with effects of your own, or name of an installed plug-in; may be "
     "repeated.",
+    cls=Rare,
 )
 @click.option(
     "--channel",
@@ -117,31 +120,8 @@ Examples:
     help="Map a channel of the model to a column of the records, or to a formula of their "
     "columns and single numbers with + - * /: force=gtau*vir; may be repeated.",
 )
-@options_of(ReadingOptions, only=set(READING) - {"channels", "columns", "keep"})
-@click.option(
-    "--patience",
-    "patience_s",
-    type=POSITIVE,
-    metavar="SECONDS",
-    help="Limit of the search, counted as seconds of a reference machine: no new effects are "
-    f"tried after it.  [default: {PATIENCE_S:g} for up to {MASSES} degrees of freedom, then "
-    f"more in proportion, at most {PATIENCE_S * MORE:g}; {PATIENCE_S * LARGE:g} for large "
-    "models, which are reduced]",
-)
-@click.option(
-    "--surface",
-    type=SURFACE,
-    default="auto",
-    show_default=True,
-    metavar="SHAPE[,SHAPE]",
-    help="Shape of the force surface that is fitted where no effect explains the records: odd, "
-    "even, monotone, free (any), or auto (odd or even where the records favour it). A shape "
-    "that the records contradict is not used, and a note says so.",
-)
-@click.option(
-    "--unchecked",
-    is_flag=True,
-    help="Accept records even if their sizes suggest a wrong unit or exchanged channels.",
+@options_of(
+    ReadingOptions, only=set(READING) - {"channels", "columns", "keep"}, settings="--reading"
 )
 @click.option(
     "--batch",
@@ -158,31 +138,62 @@ Examples:
     help="Processes that share a diagnosis, which finds the same with any number; of a batch, "
     "cases that run in parallel.  [default: one for each core that it may use; at most 4 for "
     "one diagnosis]",
+    cls=Rare,
+)
+@click.option(
+    "--patience",
+    "patience_s",
+    cls=Rare,
+    type=POSITIVE,
+    metavar="SECONDS",
+    help="Limit of the search, counted as seconds of a reference machine: no new effects are "
+    f"tried after it.  [default: {PATIENCE_S:g} for up to {MASSES} degrees of freedom, then "
+    f"more in proportion, at most {PATIENCE_S * MORE:g}; {PATIENCE_S * LARGE:g} for large "
+    "models, which are reduced]",
 )
 @click.option(
     "--engine",
+    cls=Rare,
     default="local",
     show_default=True,
     metavar="local|ray[://HOST:PORT]",
     help="Where a batch runs: on this computer, or on a Ray cluster whose computers see the "
     "same folders (needs slowtime[ray]).",
 )
-@click.option(
-    "--limit-s",
-    type=POSITIVE,
-    help="Time limit of a case of a batch [s].  [default: none]",
-)
-@click.option(
-    "--limit-mib",
-    type=click.IntRange(min=1),
-    help="Memory limit of a case of a batch [MiB].  [default: none]",
-)
-@click.option(
-    "--retries",
-    type=click.IntRange(min=0),
-    default=1,
-    show_default=True,
-    help="How often a case of a batch is repeated if its process was killed.",
+@settings_option(
+    setting(
+        "--surface",
+        type=SURFACE,
+        default="auto",
+        show_default=True,
+        metavar="SHAPE[,SHAPE]",
+        help="Shape of the force surface that is fitted where no effect explains the "
+        "records: odd, even, monotone, free (any), or auto (odd or even where the records "
+        "favour it). A shape that the records contradict is not used, and a note says so.",
+    ),
+    setting(
+        "--unchecked",
+        is_flag=True,
+        help="Accept records even if their sizes suggest a wrong unit or exchanged channels.",
+    ),
+    setting(
+        "--limit-s",
+        type=POSITIVE,
+        help="Time limit of a case of a batch [s].  [default: none]",
+    ),
+    setting(
+        "--limit-mib",
+        type=click.IntRange(min=1),
+        help="Memory limit of a case of a batch [MiB].  [default: none]",
+    ),
+    setting(
+        "--retries",
+        type=click.IntRange(min=0),
+        default=1,
+        show_default=True,
+        help="How often a case of a batch is repeated if its process was killed.",
+    ),
+    *wording(),
 )
 def diagnose(
     model: Path | None,

@@ -11,9 +11,9 @@ from slowtime_cli.shared.deferred import Deferred
     extra="analysis",
     epilog="""\b
 Examples:
-  slowtime effects
-  slowtime effects bouc_wen_general
-  slowtime effects --markdown > effects.md
+  slowtime model effects
+  slowtime model effects bouc_wen_general
+  slowtime model effects --markdown > effects.md
 
 In a model file, an effect stands under effects: with its place and parameters, such as
 {effect: coulomb, element: k1, friction_n: 2.5}.

@@ -13,8 +13,8 @@ from slowtime_cli.shared.options import POSITIVE, OutFile
     extra="fmu",
     epilog="""\b
 Examples:
-  slowtime fmu rig.yaml --out rig.fmu
-  slowtime fmu tower.yaml --out tower.fmu --step-s 0.002
+  slowtime model fmu rig.yaml --out rig.fmu
+  slowtime model fmu tower.yaml --out tower.fmu --step-s 0.002
 
 Finite-element models are reduced first. MODEL may be the augmented.yaml of `diagnose`.
 docs/fmu.md says how other programs run the unit.

@@ -5,6 +5,8 @@ import click
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING
 from slowtime_cli.shared.options import POSITIVE
+from slowtime_cli.shared.outputs import out_option
+from slowtime_cli.shared.settings import setting, settings_option
 
 DIRECTIONS = ("ux", "uy", "uz", "rx", "ry", "rz")
 
@@ -15,9 +17,9 @@ DIRECTIONS = ("ux", "uy", "uz", "rx", "ry", "rz")
     extra="analysis",
     epilog="""\b
 Examples:
-  slowtime place tower.yaml --sensors 8 --modes 10
-  slowtime place tower.yaml --sensors 4 --direction ux --direction uy --together
-  slowtime place tower.yaml --sensors 12 --keep --json
+  slowtime model place tower.yaml --sensors 8 --modes 10
+  slowtime model place tower.yaml --sensors 4 --direction ux --direction uy --together
+  slowtime model place tower.yaml --sensors 12 --keep --out -
 
 With --keep, the sensors of the model file are there already and count among --sensors.
 """,
@@ -47,28 +49,30 @@ With --keep, the sensors of the model file are there already and count among --s
 )
 @click.option("--together", is_flag=True, help="Each site has a sensor in every direction.")
 @click.option("--keep", is_flag=True, help="Keep the sensors of the model file.")
-@click.option(
-    "--frequency-sd",
-    type=POSITIVE,
-    default=0.002,
-    show_default=True,
-    help="Relative standard deviation of a measured frequency.",
+@out_option("JSON file to write.")
+@settings_option(
+    setting(
+        "--frequency-sd",
+        type=POSITIVE,
+        default=0.002,
+        show_default=True,
+        help="Relative standard deviation of a measured frequency.",
+    ),
+    setting(
+        "--shape-sd",
+        type=POSITIVE,
+        default=0.02,
+        show_default=True,
+        help="Standard deviation of a component of a shape, over its largest component.",
+    ),
+    setting(
+        "--criterion",
+        type=click.Choice(["determinant", "variance"]),
+        default="determinant",
+        show_default=True,
+        help="Maximise the determinant of the information, or minimise the mean variance.",
+    ),
 )
-@click.option(
-    "--shape-sd",
-    type=POSITIVE,
-    default=0.02,
-    show_default=True,
-    help="Standard deviation of a component of a shape, over its largest component.",
-)
-@click.option(
-    "--criterion",
-    type=click.Choice(["determinant", "variance"]),
-    default="determinant",
-    show_default=True,
-    help="Maximise the determinant of the information, or minimise the mean variance.",
-)
-@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
 def place(together: bool, keep: bool, **_given: object) -> None:
     """Choose the sensor positions that are most informative.
 

@@ -1,12 +1,12 @@
 """Arguments and help of the verb `reduce`."""
 
-from pathlib import Path
-
 import click
 
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING
 from slowtime_cli.shared.options import POSITIVE, OutFile, Real
+from slowtime_cli.shared.outputs import out_option
+from slowtime_cli.shared.settings import setting, settings_option
 
 
 @click.command(
@@ -15,11 +15,11 @@ from slowtime_cli.shared.options import POSITIVE, OutFile, Real
     extra="analysis",
     epilog="""\b
 Examples:
-  slowtime reduce tower.yaml --modes 20
-  slowtime reduce tower.yaml --modes 20 --report shapes.html
-  slowtime reduce tower.yaml --band-hz 8 --out tower.npz
-  slowtime reduce tower.yaml --band-hz 8 --coordinates 60 --out small.json
-  slowtime reduce tower.yaml --modes 20 --span 0.5 --trials 5 --json
+  slowtime model reduce tower.yaml --modes 20
+  slowtime model reduce tower.yaml --modes 20 --report shapes.html
+  slowtime model reduce tower.yaml --band-hz 8 --out tower.npz
+  slowtime model reduce tower.yaml --band-hz 8 --setting coordinates=60 --out small.json
+  slowtime model reduce tower.yaml --modes 20 --setting span=0.5 --setting trials=5 --out -
 
 The model file has `slowtime_model: 2` and either `matrices`, files of stiffness, mass and of
 what each parameter scales, or `frame`. docs/matrices.md lists formats and keys. Give one of
@@ -36,46 +36,48 @@ modes of a model file (.yaml or .json) that --out writes.
     "kept.",
 )
 @click.option(
-    "--coordinates",
-    type=click.IntRange(min=1),
-    default=100,
-    show_default=True,
-    help="Maximum number of coordinates.",
-)
-@click.option(
-    "--span",
-    type=Real(min=0, max=1, min_open=True, max_open=True),
-    default=0.3,
-    show_default=True,
-    help="Largest relative change of a parameter for which the model must hold.",
-)
-@click.option(
-    "--trials",
-    type=click.IntRange(min=0),
-    default=2,
-    show_default=True,
-    help="Random parameters at which the model is verified by full solutions.",
-)
-@click.option(
-    "--out",
-    type=click.Path(dir_okay=False, path_type=Path),
-    metavar="FILE",
-    help="Write the reduced model: .yaml or .json as a model file, for a twin, diagnose and "
-    "simulate; .npz for updating in Python.",
-)
-@click.option(
     "--report",
     type=OutFile(".html"),
     help="HTML page to write: frequencies, and animated mode shapes in space.",
 )
-@click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    default=0,
-    show_default=True,
-    help="Seed of the random parameters of --trials.",
+@out_option(
+    "Reduced model: .yaml or .json as a model file, for a twin, diagnose and simulate; .npz "
+    "for updating in Python.",
+    ".yaml",
+    ".json",
+    ".npz",
+    to="out",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
+@settings_option(
+    setting(
+        "--coordinates",
+        type=click.IntRange(min=1),
+        default=100,
+        show_default=True,
+        help="Maximum number of coordinates.",
+    ),
+    setting(
+        "--span",
+        type=Real(min=0, max=1, min_open=True, max_open=True),
+        default=0.3,
+        show_default=True,
+        help="Largest relative change of a parameter for which the model must hold.",
+    ),
+    setting(
+        "--trials",
+        type=click.IntRange(min=0),
+        default=2,
+        show_default=True,
+        help="Random parameters at which the model is verified by full solutions.",
+    ),
+    setting(
+        "--seed",
+        type=click.IntRange(min=0),
+        default=0,
+        show_default=True,
+        help="Seed of the random parameters of the trials.",
+    ),
+)
 def reduce(modes: int | None, band_hz: float | None, **_given: object) -> None:
     """Reduce finite-element matrices to a small model and verify it.
 

@@ -7,7 +7,9 @@ import click
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING
 from slowtime_cli.shared.options import Real
-from slowtime_cli.shared.report_flags import report_flags
+from slowtime_cli.shared.outputs import out_option
+from slowtime_cli.shared.report_flags import report_flag, wording
+from slowtime_cli.shared.settings import setting, settings_option
 
 METHODS = (
     "mean-value", "form", "sorm-breitung", "sorm-tvedt", "system", "monte-carlo", "stratified",
@@ -26,8 +28,8 @@ DEFAULT = ("form", "importance", "subset")
     epilog="""\b
 Examples:
   slowtime reliability column.yaml
-  slowtime reliability column.yaml --method form --method directional --cov 0.02
-  slowtime reliability column.yaml --method all --json
+  slowtime reliability column.yaml --method form --method directional --setting cov=0.02
+  slowtime reliability column.yaml --method all --out -
   slowtime reliability inputs.yaml --limit-state own_model.py --method active
   slowtime reliability problem.py
 
@@ -52,30 +54,33 @@ your own.
     metavar="NAME",
     help=f"{', '.join(METHODS)}, or all; may be repeated.  [default: {', '.join(DEFAULT)}]",
 )
-@click.option(
-    "--cov",
-    "variation",
-    type=Real(min=0, max=1, min_open=True, max_open=True),
-    default=0.05,
-    show_default=True,
-    help="Coefficient of variation of the probability at which sampling stops.",
+@report_flag
+@out_option("JSON file to write.")
+@settings_option(
+    setting(
+        "--cov",
+        "variation",
+        type=Real(min=0, max=1, min_open=True, max_open=True),
+        default=0.05,
+        show_default=True,
+        help="Coefficient of variation of the probability at which sampling stops.",
+    ),
+    setting(
+        "--calls",
+        type=click.IntRange(min=1),
+        default=5_000_000,
+        show_default=True,
+        help="Maximum number of evaluations of the limit state, for each method.",
+    ),
+    setting(
+        "--seed",
+        type=click.IntRange(min=0),
+        default=0,
+        show_default=True,
+        help="Seed of the random samples.",
+    ),
+    *wording(),
 )
-@click.option(
-    "--calls",
-    type=click.IntRange(min=1),
-    default=5_000_000,
-    show_default=True,
-    help="Maximum number of evaluations of the limit state, for each method.",
-)
-@click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    default=0,
-    show_default=True,
-    help="Seed of the random samples.",
-)
-@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
-@report_flags
 def reliability(problem: Path, limit_state: Path | None, **_given: object) -> None:
     """Compute a probability of failure by several methods.
 

@@ -6,7 +6,8 @@ import click
 
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING
-from slowtime_cli.shared.options import Names, OutFile
+from slowtime_cli.shared.options import Names
+from slowtime_cli.shared.outputs import out_option
 
 KINDS = ("chaos", "matern", "squared-exponential", "hybrid", "support-vectors", "networks")
 """Of `slowtime.surrogate.choice.defaults`, in order."""
@@ -14,6 +15,7 @@ KINDS = ("chaos", "matern", "squared-exponential", "hybrid", "support-vectors", 
 
 @click.command(
     cls=Deferred,
+    fixed={"seed": 0},
     work="models.surrogate:surrogate",
     extra="analysis",
     epilog="""\b
@@ -43,15 +45,7 @@ A table is text with a heading and one run a row, between commas, semicolons or 
     help=f"{', '.join(KINDS)}; may be repeated. By default all are compared.",
 )
 @click.option("--at", type=EXISTING, help="Table of points at which to predict.")
-@click.option("--out", type=OutFile(), help="CSV file for the predictions: value, sd, lo, hi.")
-@click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    default=0,
-    show_default=True,
-    help="Seed of the division into folds for cross-validation.",
-)
-@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
+@out_option("CSV file for the predictions (value, sd, lo, hi), or JSON.", ".csv", to="out")
 def surrogate(at: Path | None, out: Path | None, **_given: object) -> None:
     """Fit a fast surrogate to runs of a slow model.
 

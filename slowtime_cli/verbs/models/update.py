@@ -5,6 +5,7 @@ import click
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING
 from slowtime_cli.shared.options import OutFile, Real
+from slowtime_cli.shared.outputs import out_option
 
 
 @click.command(
@@ -13,9 +14,9 @@ from slowtime_cli.shared.options import OutFile, Real
     extra="analysis",
     epilog="""\b
 Examples:
-  slowtime update tower.yaml modes.json
-  slowtime update tower.yaml modes.json --report updated.html
-  slowtime update tower.yaml modes.json --frequency-error 0.005 --json
+  slowtime model update tower.yaml modes.json
+  slowtime model update tower.yaml modes.json --report updated.html
+  slowtime model update tower.yaml modes.json --frequency-error 0.005 --out -
 
 MODEL has `slowtime_model: 2` with `matrices` or `frame`, parameters and sensors; MODES is what
 `slowtime identify RECORD --method modes --out` wrote. docs/matrices.md has an example.
@@ -44,7 +45,7 @@ MODEL has `slowtime_model: 2` with `matrices` or `frame`, parameters and sensors
     type=OutFile(".html"),
     help="HTML page to write: tables, measured and model mode shapes in space, and MAC.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
+@out_option("JSON file to write.")
 def update(**_given: object) -> None:
     """Update a finite-element model from measured modes.
 

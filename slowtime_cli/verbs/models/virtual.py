@@ -7,6 +7,7 @@ import click
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING, F, record_flags
 from slowtime_cli.shared.options import POSITIVE, OutFile, Real
+from slowtime_cli.shared.settings import setting, settings_option
 
 QUANTITIES = ("displacement", "drift", "force", "moment")
 MODEL: tuple[Callable[[F], F], ...] = (
@@ -24,35 +25,38 @@ MODEL: tuple[Callable[[F], F], ...] = (
         help="Nodes of a drift; base is the ground.",
     ),
     click.option("--element", help="Element of a force or a moment."),
-    click.option(
+)
+MODEL_SETTINGS = (
+    setting(
         "--end",
         type=click.Choice(["first", "second"]),
         default="first",
         show_default=True,
         help="End of the beam at which the moment is estimated.",
     ),
-    click.option(
+    setting(
         "--factor",
         type=Real(),
-        help="Factor from SI units to the unit given with --factor-unit; for stress in MPa "
+        help="Factor from SI units to the unit given with factor_unit; for stress in MPa "
         "from a force: 1e-6 / area in m^2.",
     ),
-    click.option("--factor-unit", help="Unit of the values after --factor.  [default: SI]"),
-    click.option(
+    setting("--factor-unit", help="Unit of the values after the factor.  [default: SI]"),
+    setting(
         "--factor-sd",
         type=Real(min=0),
         default=0.0,
         show_default=True,
-        help="Relative standard deviation of --factor.",
+        help="Relative standard deviation of the factor.",
     ),
-    click.option(
+    setting(
         "--lowest-hz",
         type=POSITIVE,
         help="Lower edge of the band: accelerations do not show slower motion.  [default: a "
         "quarter of the model's lowest frequency]",
     ),
-    click.option("--moving-base", is_flag=True, help="The base has an unmeasured motion."),
+    setting("--moving-base", is_flag=True, help="The base has an unmeasured motion."),
 )
+"""Rare settings of a virtual quantity."""
 
 
 def model_flags(function: F) -> F:
@@ -71,7 +75,7 @@ Examples:
   slowtime virtual frame.yaml record.csv --rate-hz 200 --quantity drift --between base f1
   slowtime virtual frame.yaml record.csv --quantity displacement --node f5 --out top.csv
   slowtime virtual frame.yaml record.csv --quantity force --element k1 \\
-    --factor 2e-5 --factor-unit MPa
+    --setting factor=2e-5 --setting factor_unit=MPa
 
 The model's sensors are named as the record's channels, and say their noise; its tolerance says
 how wrong the model may be. Give both: the standard deviation rests on them. Accelerations do
@@ -81,6 +85,7 @@ not show motion slower than the band, such as the mean drift under steady wind.
 @click.argument("model", type=EXISTING)
 @record_flags
 @model_flags
+@settings_option(*MODEL_SETTINGS)
 @click.option(
     "--out",
     type=OutFile(),

@@ -14,7 +14,7 @@ from slowtime_cli.shared.flags import EXISTING
     extra="twin",
     epilog="""\b
 Examples:
-  slowtime backup twin.sqlite --out monday.sqlite
+  slowtime db backup twin.sqlite --out monday.sqlite
 """,
 )
 @click.argument("database", type=EXISTING)
@@ -38,7 +38,7 @@ def backup(**_given: object) -> None:
     extra="twin",
     epilog="""\b
 Examples:
-  slowtime restore monday.sqlite --database twin.sqlite
+  slowtime db restore monday.sqlite --database twin.sqlite
 """,
 )
 @click.argument("copy", type=EXISTING)

@@ -12,9 +12,9 @@ from slowtime_cli.shared.flags import EXISTING, key_option
     extra="twin",
     epilog="""\b
 Examples:
-  slowtime check twin.sqlite
-  slowtime check monday.sqlite && echo "it can be restored"
-  slowtime check twin.sqlite --ledger --key ledger.pem.pub --head head.json
+  slowtime db check twin.sqlite
+  slowtime db check monday.sqlite && echo "it can be restored"
+  slowtime db check twin.sqlite --ledger --key ledger.pem.pub --head head.json
 """,
 )
 @click.argument("database", type=EXISTING)
@@ -23,7 +23,7 @@ Examples:
 @click.option(
     "--head",
     type=EXISTING,
-    help="A head kept elsewhere (`slowtime ledger head`), to detect a truncated history.",
+    help="A head kept elsewhere (`slowtime db ledger head`), to detect a truncated history.",
 )
 def check(**_given: object) -> None:
     """Check a twin's database for damage.

@@ -10,6 +10,7 @@ from slowtime_cli.shared.options import OutFile, Real
 
 @click.command(
     cls=Deferred,
+    fixed={"epochs_per_s": 5.0},
     work="operation.demo:demo",
     extra="twin",
     epilog="""\b
@@ -41,14 +42,6 @@ Examples:
     "recording",
     type=OutFile(".mcap"),
     help="Also record all messages, raw blocks included, into this MCAP file.",
-)
-@click.option(
-    "--rate",
-    "epochs_per_s",
-    default=5.0,
-    show_default=True,
-    type=Real(min=0, min_open=True, max=50),
-    help="Epochs per second of each edge agent.",
 )
 @click.option(
     "--frame",

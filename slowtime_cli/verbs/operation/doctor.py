@@ -5,18 +5,20 @@ from pathlib import Path
 import click
 
 from slowtime_cli.shared.deferred import Deferred
-from slowtime_cli.shared.options import Real, connect_option, credentials_option
+from slowtime_cli.shared.options import connect_option, credentials_option
+from slowtime_cli.shared.outputs import out_option
 
 
 @click.command(
     cls=Deferred,
+    fixed={"timeout_s": 2.0},
     work="operation.doctor.report:doctor",
     epilog="""\b
 Examples:
   slowtime doctor
   slowtime doctor --connect tcp/10.0.0.2:7447 --server https://twin.example.org
   slowtime doctor --mqtt 127.0.0.1:1883
-  slowtime doctor --json > doctor.json            for a report of an error
+  slowtime doctor --out doctor.json                for a report of an error
 """,
 )
 @connect_option
@@ -35,14 +37,7 @@ Examples:
     default=".",
     help="Folder in which databases and recordings are to be written.  [default: this one]",
 )
-@click.option(
-    "--timeout-s",
-    type=Real(min=0.1),
-    default=2.0,
-    show_default=True,
-    help="How long to wait for each answer.",
-)
-@click.option("--json", "as_json", is_flag=True, help="Print the findings as JSON.")
+@out_option("JSON file of the findings.")
 def doctor(**_given: object) -> None:
     """Check installation, ports, router, clock and write access.
 

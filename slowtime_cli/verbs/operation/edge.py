@@ -7,6 +7,7 @@ import click
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.demo_structures import STRUCTURES
 from slowtime_cli.shared.flags import EXISTING, SettingsFile, unit_flags
+from slowtime_cli.shared.help_pages import Rare
 from slowtime_cli.shared.options import (
     POSITIVE,
     Name,
@@ -16,17 +17,29 @@ from slowtime_cli.shared.options import (
     credentials_option,
     together,
 )
+from slowtime_cli.shared.settings import setting, settings_option
+
+
+def _recording_apart(
+    ctx: click.Context, _param: click.Parameter, path: Path | None
+) -> Path | None:
+    """Hand on a recording under a name of its own."""
+    if path is None or path.suffix.lower() != ".mcap":
+        return path
+    ctx.params["recording"] = path
+    return None
 
 
 @click.command(
     cls=Deferred,
+    fixed={"recording": None},
     work="operation.edge:edge",
     epilog="""\b
 Examples:
   slowtime edge --simulate tower
   slowtime edge --simulate frame
   slowtime edge --site lab --asset beam --file record.csv --rate-hz 200 --window-s 60
-  slowtime edge --site lab --asset beam --recording raw.mcap --window-s 1 --hop-s 0.5
+  slowtime edge --site lab --asset beam --file raw.mcap --window-s 1 --hop-s 0.5
   slowtime edge --asset beam --source 'mqtt://pi@10.0.0.2/beam?channels=x,y,z&rate_hz=200'
   my-program | slowtime edge --source 'stdin:?layout=csv&channels=x,y,z&rate_hz=200'
   slowtime edge --asset beam --file record.csv --unit mg --unit deck=mm/s --method modes
@@ -55,19 +68,14 @@ underscores); flags overrule the environment, which overrules the file.
     "--file",
     "file",
     type=EXISTING,
-    help="Read a record: text, NumPy, MATLAB, Excel, TDMS, WAV, miniSEED, HDF5, UFF and others "
-    "(docs/files.md).",
+    callback=_recording_apart,
+    help="Read a record, or the raw blocks of an MCAP recording. Records are text, NumPy, "
+    "MATLAB, Excel, TDMS, WAV, miniSEED, HDF5, UFF and others (docs/files.md).",
 )
-@click.option("--recording", type=EXISTING, help="Read the raw blocks of an MCAP recording.")
 @click.option(
     "--source",
     metavar="URL",
     help="Read a live sensor: its address and, behind `?`, the layout of its messages.",
-)
-@click.option(
-    "--password-file",
-    type=EXISTING,
-    help="File that holds the password of the user in the URL of --source.",
 )
 @click.option(
     "--rate-hz",
@@ -80,12 +88,8 @@ underscores); flags overrule the environment, which overrules the file.
     type=Real(min=0),
     default=1.0,
     show_default=True,
-    help="Pace of --file or --recording; 0 as fast as possible.",
-)
-@click.option(
-    "--epochs-per-s",
-    type=POSITIVE,
-    help="Pace of --simulate.  [default: 5, or 1 for a frame]",
+    help="Pace of --file; 0 as fast as possible.",
+    cls=Rare,
 )
 @click.option(
     "--channels", type=Names(), help="Channels to identify from: a,b.  [default: all]"
@@ -94,8 +98,7 @@ underscores); flags overrule the environment, which overrules the file.
     "--method",
     type=click.Choice(["auto", "ambient", "free_decay", "peak", "modes", "recursive"]),
     help="How to identify the first mode, or all modes with shapes, window by window, or "
-    "recursively from a continuous stream.  [default: auto, or what the simulated "
-    "structure "
+    "recursively from a continuous stream.  [default: auto, or what the simulated structure "
     "needs]",
 )
 @click.option(
@@ -106,15 +109,29 @@ underscores); flags overrule the environment, which overrules the file.
     help="Frequency band of the modes.",
 )
 @click.option("--window-s", type=POSITIVE, help="Window of a continuous stream.  [default: 60]")
-@click.option("--hop-s", type=POSITIVE, help="Distance between windows.  [default: the window]")
-@click.option("--raw/--no-raw", default=None, help="Publish raw blocks too, for recording.")
 @click.option(
-    "--spool",
-    type=click.Path(file_okay=False, path_type=Path),
-    help="Folder where features wait for the twin.  [default: var/spool]",
+    "--hop-s", type=POSITIVE, help="Distance between windows.  [default: the window]", cls=Rare
 )
 @connect_option
 @credentials_option
+@settings_option(
+    setting(
+        "--password-file",
+        type=EXISTING,
+        help="File that holds the password of the user in the URL of --source.",
+    ),
+    setting(
+        "--epochs-per-s",
+        type=POSITIVE,
+        help="Pace of --simulate.  [default: 5, or 1 for a frame]",
+    ),
+    setting("--raw/--no-raw", default=None, help="Publish raw blocks too, for recording."),
+    setting(
+        "--spool",
+        type=click.Path(file_okay=False, path_type=Path),
+        help="Folder where features wait for the twin.  [default: var/spool]",
+    ),
+)
 def edge(
     config: Path | None,
     simulate: str | None,
@@ -134,8 +151,7 @@ def edge(
     together(
         [
             ("--simulate", simulate),
-            ("--file", file),
-            ("--recording", recording),
+            ("--file", file or recording),
             ("--source", source),
         ]
     )
@@ -145,12 +161,12 @@ def edge(
         )
     if (units or sensitivities) and not (file or recording or source):
         raise click.UsageError(
-            "--unit and --sensitivity go with --file, --recording or --source."
+            "--unit and the sensitivity of --reading go with --file or --source."
         )
     if password_file is not None and source is None:
-        raise click.UsageError("--password-file goes with --source.")
+        raise click.UsageError("The setting password_file goes with --source.")
     if not (simulate or file or recording or source or config):
         raise click.UsageError(
-            "An edge agent needs an input. Give --source, --simulate, --file, --recording, or "
+            "An edge agent needs an input. Give --source, --simulate, --file, or "
             "a --config that names one."
         )

@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.help_pages import DocumentedGroup
 from slowtime_cli.shared.options import Name, PlainText, together
 
 WITHDRAWN = ("server", "observer", "player")
@@ -27,6 +28,7 @@ days_option = click.option(
 
 
 @click.group(
+    cls=DocumentedGroup,
     epilog="""\b
 Examples:
   slowtime keys make lab --asset beam --asset frame --host 10.0.0.2
@@ -37,7 +39,7 @@ Examples:
 Copy to each process its own folder and no other; keep keys/authority where nobody else has
 access. A router reads access rights when it starts: copy keys/router again and restart it
 after each change. Edges keep their features meanwhile.
-"""
+""",
 )
 def keys() -> None:
     """Create, renew and revoke the TLS certificates of a site.

@@ -6,25 +6,27 @@ import click
 
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING, key_option
+from slowtime_cli.shared.help_pages import DocumentedGroup
 
 
 @click.group(
+    cls=DocumentedGroup,
     epilog="""\b
 Examples:
-  slowtime ledger key ledger.pem
+  slowtime db ledger key ledger.pem
   slowtime twin --ledger-key ledger.pem
-  slowtime ledger head --server http://127.0.0.1:8000 --out head.json
-  slowtime ledger head --server http://127.0.0.1:8000 --twin lab.beam --out beam.json
-  slowtime ledger prove --server http://127.0.0.1:8000 --head beam.json --out proof.json
-  slowtime check twin.sqlite --ledger --key ledger.pem.pub --head head.json
-  slowtime ledger verify proof.json --key ledger.pem.pub --head beam.json
-  slowtime ledger verify house.mcap --key ledger.pem.pub
-  slowtime ledger verify postgresql://twin@db/house --key ledger.pem.pub --head head.json
+  slowtime db ledger head --server http://127.0.0.1:8000 --out head.json
+  slowtime db ledger head --server http://127.0.0.1:8000 --asset lab.beam --out beam.json
+  slowtime db ledger prove --server http://127.0.0.1:8000 --head beam.json --out proof.json
+  slowtime db check twin.sqlite --ledger --key ledger.pem.pub --head head.json
+  slowtime db ledger verify proof.json --key ledger.pem.pub --head beam.json
+  slowtime db ledger verify house.mcap --key ledger.pem.pub
+  slowtime db ledger verify postgresql://twin@db/house --key ledger.pem.pub --head head.json
 
 A server with a key signs, once a minute, one hash over all that it has accepted. Keep the
 public key and now and then a head where the machine of the server cannot write: whoever forges
 the database has to forge those, too.
-"""
+""",
 )
 def ledger() -> None:
     """Verify that a twin's history was not altered or deleted.
@@ -52,11 +54,16 @@ def key(**_given: object) -> None:
     type=click.Path(dir_okay=False, path_type=Path),
     help="File to write; it must not exist yet.",
 )
-@click.option("--twin", help="Fetch the head of the chain of this twin only.")
+@click.option(
+    "--asset",
+    "twin",
+    metavar="SITE.ASSET",
+    help="Fetch the head of the chain of this twin only.",
+)
 def head(**_given: object) -> None:
     """Fetch the newest signed head of the ledger, to be kept elsewhere.
 
-    Without --twin it is the head of the whole server, which needs a token of all sites. If the
+    Without --asset it is the head of the whole server, which needs a token of all sites. If the
     server signs nothing any more, the last head is written, and the exit status is not 0.
     """
 
@@ -67,7 +74,7 @@ def head(**_given: object) -> None:
     "--head",
     required=True,
     type=EXISTING,
-    help="A head that was kept (`slowtime ledger head`).",
+    help="A head that was kept (`slowtime db ledger head`).",
 )
 @click.option("--reading", help="Prove this reading, too: BOOT/SEQUENCE.")
 @key_option
@@ -82,7 +89,7 @@ def prove(**_given: object) -> None:
 
     With the head of a twin it is a consistency proof of its chain, and with --reading an
     inclusion proof (RFC 9162). With the head of a server it is the heads behind it. Later,
-    `slowtime ledger verify` verifies the file without the server.
+    `slowtime db ledger verify` verifies the file without the server.
     """
 
 
@@ -92,7 +99,8 @@ def prove(**_given: object) -> None:
 @click.option(
     "--head",
     type=EXISTING,
-    help="A head kept elsewhere: a file of `slowtime ledger head`, or one of `witness_file`.",
+    help="A head kept elsewhere: a file of `slowtime db ledger head`, or one of "
+    "`witness_file`.",
 )
 @click.option("--timestamp", type=EXISTING, help="Time stamp of this head (RFC 3161, .tsr).")
 @click.option("--authority", type=EXISTING, help="Root certificate of the authority, PEM.")

@@ -4,6 +4,7 @@ import click
 
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.options import POSITIVE, ROUTER, Endpoint, Real
+from slowtime_cli.shared.settings import setting, settings_option
 
 
 @click.command(
@@ -27,32 +28,34 @@ Examples:
     show_default=True,
     help="Natural frequency of the simulated structure.",
 )
-@click.option(
-    "--samples",
-    type=click.IntRange(1, 10_000),
-    default=25,
-    show_default=True,
-    help="Samples of one message.",
-)
-@click.option(
-    "--clock-error",
-    type=Real(min=-0.05, max=0.05),
-    default=0.0,
-    show_default=True,
-    help="Relative error of the sensor's clock; positive if fast.",
-)
-@click.option(
-    "--loss",
-    type=Real(min=0, max=1),
-    default=0.0,
-    show_default=True,
-    help="Share of messages lost.",
-)
 @click.option("--seconds", type=POSITIVE, help="Seconds to run.  [default: until Ctrl-C]")
-@click.option(
-    "--seed", type=click.IntRange(min=0), default=0, help="Seed of the random numbers."
-)
 @click.option("--connect", type=Endpoint(), default=ROUTER, help="Router, for zenoh:.")
+@settings_option(
+    setting(
+        "--samples",
+        type=click.IntRange(1, 10_000),
+        default=25,
+        show_default=True,
+        help="Samples of one message.",
+    ),
+    setting(
+        "--clock-error",
+        type=Real(min=-0.05, max=0.05),
+        default=0.0,
+        show_default=True,
+        help="Relative error of the sensor's clock; positive if fast.",
+    ),
+    setting(
+        "--loss",
+        type=Real(min=0, max=1),
+        default=0.0,
+        show_default=True,
+        help="Share of messages lost.",
+    ),
+    setting(
+        "--seed", type=click.IntRange(min=0), default=0, help="Seed of the random numbers."
+    ),
+)
 def publish(**_given: object) -> None:
     """Simulate an acceleration sensor and publish its samples.
 

@@ -74,8 +74,8 @@ Examples:
 def record(out: Path, number: bool, **_given: object) -> None:
     """Record the messages of the bus into an MCAP file.
 
-    Messages are on disk within a second of their arrival. `slowtime recover` repairs the file
-    of a killed recorder. Foxglove and Lichtblick open the result.
+    Messages are on disk within a second of their arrival. `slowtime mcap recover` repairs the
+    file of a killed recorder. Foxglove and Lichtblick open the result.
     """
     if out.exists() and not number:
         raise click.UsageError(

@@ -7,22 +7,29 @@ import click
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING
 from slowtime_cli.shared.options import (
-    POSITIVE,
     OutFile,
+    Real,
     connect_option,
     credentials_option,
     together,
 )
 
 
+def _pace(ctx: click.Context, _param: click.Parameter, speed: float) -> float:
+    """Ask for the highest pace where the speed is 0."""
+    ctx.params["fast"] = speed == 0
+    return speed or 1.0
+
+
 @click.command(
     cls=Deferred,
+    fixed={"fast": False},
     work="operation.replay:replay",
     extra="analysis",
     epilog="""\b
 Examples:
   slowtime replay house.mcap                             onto the bus, as it was
-  slowtime replay house.mcap --fast --server http://127.0.0.1:8000
+  slowtime replay house.mcap --speed 0 --server http://127.0.0.1:8000
   slowtime replay house.mcap --into fresh.sqlite         straight into a twin, no network
   slowtime replay house.mcap --edge                      raw blocks through the edge again
 """,
@@ -34,10 +41,10 @@ Examples:
     "--speed",
     default=1.0,
     show_default=True,
-    type=POSITIVE,
-    help="Pace; 1 as recorded.",
+    type=Real(min=0),
+    callback=_pace,
+    help="Pace: 1 as recorded, 0 as fast as the twin acknowledges.",
 )
-@click.option("--fast", is_flag=True, help="As fast as the twin acknowledges.")
 @click.option(
     "--server",
     metavar="URL",

@@ -51,8 +51,8 @@ def router(**_given: object) -> None:
     work="operation.router:status",
     epilog="""\b
 Examples:
-  slowtime status
-  slowtime status --asset demo.tower && echo "the tower's edge agent is online"
+  slowtime router status
+  slowtime router status --asset demo.tower && echo "the tower's edge agent is online"
 """,
 )
 @connect_option

@@ -7,6 +7,7 @@ import click
 
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING, F
+from slowtime_cli.shared.help_pages import DocumentedGroup
 from slowtime_cli.shared.options import Name, PlainText
 
 SCOPES = ("viewer", "operator", "admin")
@@ -24,6 +25,7 @@ def _file(kind: click.Path) -> Callable[[F], F]:
 
 
 @click.group(
+    cls=DocumentedGroup,
     epilog="""\b
 Examples:
   slowtime tokens add ann --scope operator --site lab --days 30
@@ -32,7 +34,7 @@ Examples:
   slowtime tokens revoke 1a2b3c4d
 
 A running server applies changes from the next request on. The file holds hashes of tokens.
-"""
+""",
 )
 def tokens() -> None:
     """Create, list and revoke tokens for REST and the page."""

@@ -6,7 +6,9 @@ import click
 
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING, SettingsFile
+from slowtime_cli.shared.help_pages import Rare
 from slowtime_cli.shared.options import Database, connect_option, credentials_option
+from slowtime_cli.shared.settings import setting, settings_option
 
 
 @click.command(
@@ -40,6 +42,7 @@ underscores); flags overrule the environment, which overrules the file.
     "--recordings",
     type=click.Path(file_okay=False, path_type=Path),
     help="Folder of recordings (MCAP) for upload, download and replay by the page.",
+    cls=Rare,
 )
 @click.option(
     "--register",
@@ -55,35 +58,41 @@ underscores); flags overrule the environment, which overrules the file.
 @click.option(
     "--ledger-key",
     type=EXISTING,
-    help="Key of `slowtime ledger key`, which signs accepted rows.",
-)
-@click.option("--tls-certificate", type=EXISTING, help="Certificate of REST and page (PEM).")
-@click.option("--tls-key", type=EXISTING, help="Its private key (PEM).")
-@click.option(
-    "--behind-proxy",
-    is_flag=True,
-    help="A proxy in front of this server encrypts.",
+    help="Key of `slowtime db ledger key`, which signs accepted rows.",
+    cls=Rare,
 )
 @click.option(
-    "--published-on-loopback",
-    is_flag=True,
-    help="Only this computer reaches the port, for instance a container's port published on "
-    "127.0.0.1 only.",
+    "--tls-certificate", type=EXISTING, help="Certificate of REST and page (PEM).", cls=Rare
+)
+@click.option("--tls-key", type=EXISTING, help="Its private key (PEM).", cls=Rare)
+@click.option(
+    "--behind-proxy", is_flag=True, help="A proxy in front of this server encrypts.", cls=Rare
 )
 @click.option(
     "--shards",
     type=click.IntRange(1, 256),
     help="Divide the assets among so many processes, each with a database of its own.  "
     "[default: 1]",
-)
-@click.option(
-    "--engine",
-    metavar="local|ray[://HOST:PORT]",
-    help="Who runs the shards: this machine, or a Ray cluster, which starts them again on "
-    "another node if one is lost (needs slowtime[ray]; see docs/shards.md).  [default: local]",
+    cls=Rare,
 )
 @connect_option
 @credentials_option
+@click.option(
+    "--engine",
+    cls=Rare,
+    metavar="local|ray[://HOST:PORT]",
+    help="Who runs the shards: this machine, or a Ray cluster, which starts them again on "
+    "another node if one is lost (needs slowtime[ray]; see docs/shards.md).  [default: "
+    "local]",
+)
+@settings_option(
+    setting(
+        "--published-on-loopback",
+        is_flag=True,
+        help="Only this computer reaches the port, for instance a container's port published "
+        "on 127.0.0.1 only.",
+    ),
+)
 def twin(tls_certificate: Path | None, tls_key: Path | None, **_given: object) -> None:
     """Run the twin server: features in; estimates, REST and page out.
 

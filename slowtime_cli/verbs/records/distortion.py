@@ -6,6 +6,8 @@ import click
 
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.options import POSITIVE, OutFile
+from slowtime_cli.shared.outputs import out_option
+from slowtime_cli.shared.settings import setting, settings_option
 
 
 class Period(click.ParamType):  # type: ignore[type-arg]  # generic in stubs only
@@ -34,9 +36,10 @@ class Period(click.ParamType):  # type: ignore[type-arg]  # generic in stubs onl
     extra="analysis",
     epilog="""\b
 Examples:
-  slowtime distortion run1.csv run2.csv --input u --output y --period 4096
-  slowtime distortion weak.npz strong.npz --input force --output a1 --plot distortion.html
-  slowtime distortion swing.csv --decay --output angle --json
+  slowtime modes distortion run1.csv run2.csv --input u --output y --period 4096
+  slowtime modes distortion weak.npz strong.npz --input force --output a1 \\
+    --report distortion.html
+  slowtime modes distortion swing.csv --decay --output angle --out -
 """,
 )
 @click.argument("records", nargs=-1, required=True)
@@ -52,31 +55,33 @@ Examples:
     help="Samples in one period of the multisine.",
 )
 @click.option(
-    "--transient",
-    "transient_s",
-    type=click.FloatRange(min=0),
-    default=0.0,
-    show_default=True,
-    help="Time to leave out at the beginning of each record [s].",
-)
-@click.option(
-    "--band",
+    "--band-hz",
+    "band",
     type=(float, float),
     metavar="LOW HIGH",
     help="Frequencies to analyse [Hz]; all that are excited by default.",
-)
-@click.option(
-    "--near-hz",
-    type=POSITIVE,
-    help="Frequency near the resonance to fit [Hz]; by default the highest peak.",
 )
 @click.option("--decay", is_flag=True, help="The records are free decays: no input, no period.")
 @click.option(
     "--rate-hz", type=POSITIVE, help="Sampling rate of records that do not state it [Hz]."
 )
-@click.option("--out", type=OutFile(".json"), help="JSON file to write.")
-@click.option("--plot", type=OutFile(".html"), help="HTML page with plots to write.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
+@out_option("JSON file to write.", ".json", to="out")
+@click.option("--report", "plot", type=OutFile(".html"), help="HTML page with plots to write.")
+@settings_option(
+    setting(
+        "--transient",
+        "transient_s",
+        type=click.FloatRange(min=0),
+        default=0.0,
+        show_default=True,
+        help="Time to leave out at the beginning of each record [s].",
+    ),
+    setting(
+        "--near-hz",
+        type=POSITIVE,
+        help="Frequency near the resonance to fit [Hz]; by default the highest peak.",
+    ),
+)
 def distortion(given: str | None, decay: bool, plot: Path | None, **_rest: object) -> None:
     """Measure nonlinear distortion, or damping against amplitude.
 

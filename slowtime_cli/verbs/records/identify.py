@@ -8,8 +8,10 @@ from slowtime.identification.options import ALL_CHANNELS, WITH_POLES, IdentifyOp
 from slowtime_cli.shared.declared import options_of
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING, record_flags
+from slowtime_cli.shared.help_pages import Rare
 from slowtime_cli.shared.options import POSITIVE, Names, OutFile
-from slowtime_cli.shared.report_flags import wording_flags
+from slowtime_cli.shared.report_flags import wording
+from slowtime_cli.shared.settings import setting, settings_option
 
 UNIVERSAL = (".uff", ".unv")
 """As `slowtime_services.modal.UNIVERSAL`, without reading modes yet."""
@@ -26,9 +28,9 @@ Examples:
   slowtime identify tower.mcap --window-s 60 --hop-s 60 --out modes.json
   slowtime identify record.csv --rate-hz 200 --out - | python -m json.tool
   slowtime identify record.csv --rate-hz 200 --method modes --report modes.html
-  slowtime identify record.tdms --sensitivity 100mV/g --geometry nodes.csv --out modes.uff
+  slowtime identify record.tdms --reading sensitivity=100mV/g --out modes.uff
   slowtime identify hits.npz --input force --driving-point a3=force --frf h.uff
-  slowtime identify responses.csv --frf-kind acceleration --band-hz 5 200
+  slowtime identify responses.csv --setting frf_kind=acceleration --band-hz 5 200
   slowtime identify record.csv --rate-hz 200 --select modes.selection.yaml
   slowtime identify deck.mcap --with tower.mcap --method modes --out modes.json
 
@@ -45,12 +47,14 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
     type=POSITIVE,
     help="From one window to the next; shorter than a window, they overlap and are marked.  "
     "[default: a whole window]",
+    cls=Rare,
 )
 @click.option(
     "--stream/--whole",
     default=None,
     help="Whether the record is read as a stream, with recursive identification and limited "
     "memory, or all at once.  [default: a stream from 256 MiB on]",
+    cls=Rare,
 )
 @click.option(
     "--with",
@@ -60,20 +64,7 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
     help="A second board's record of the same structure. Both are synchronised by modes that "
     "both measure, or refused with the reason. It is read with the same options as "
     "RECORD.",
-)
-@click.option(
-    "--start-sd-ms",
-    type=POSITIVE,
-    default=20.0,
-    show_default=True,
-    help="With --with: how well the start of each record is known (one standard deviation).",
-)
-@click.option(
-    "--rate-sd-ppm",
-    type=POSITIVE,
-    default=100.0,
-    show_default=True,
-    help="With --with: how well the rate of each record is known (one standard deviation).",
+    cls=Rare,
 )
 @click.option(
     "--input",
@@ -83,49 +74,19 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
     "other channels are responses.",
 )
 @click.option(
-    "--excitation",
-    type=click.Choice(["auto", "hammer", "shaker", "base"]),
-    default="auto",
-    show_default=True,
-    help="With --input: what excites the structure; auto detects it from unit and signal.",
-)
-@click.option(
     "--driving-point",
     "driving_points",
     multiple=True,
     metavar="RESPONSE=INPUT",
     help="With --input: a response measured where that input acts, for modal masses.",
-)
-@click.option(
-    "--estimator",
-    type=click.Choice(["h1", "h2", "hv"]),
-    default="h1",
-    show_default=True,
-    help="With --input: noise in responses (h1), in the input (h2) or in both (hv).",
-)
-@click.option(
-    "--block-s",
-    type=POSITIVE,
-    help="With a hammer: length of a block.  [default: from a blow to the next]",
-)
-@click.option(
-    "--decay-s",
-    type=POSITIVE,
-    help="With a hammer: time constant of an exponential window, whose added damping is "
-    "removed.  "
-    "[default: none; modes are fitted to the record without a window]",
+    cls=Rare,
 )
 @click.option(
     "--frf",
     type=OutFile(),
     help="With --input: file of frequency responses to write: .uff or .unv (UFF 58), .csv, "
     "else JSON with the fit and modal masses.",
-)
-@click.option(
-    "--frf-kind",
-    type=click.Choice(["displacement", "velocity", "acceleration", "transmissibility"]),
-    help="RECORD holds measured frequency responses of this quantity per force (or of a motion "
-    "per motion of the base).  [default: detected]",
+    cls=Rare,
 )
 @click.option(
     "--model",
@@ -133,25 +94,73 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
     help="Model file (YAML or JSON, finite elements too) to compare the modes with, mode by "
     "mode; or modes of another program, as a universal file (.uff, .unv).",
 )
-@wording_flags
 @click.option(
     "--report",
     type=OutFile(".html", ".pdf"),
-    help="Report to write, .html or .pdf: answer and confidence on its first page; table, "
+    help="Report to write, .html or .pdf. Answer and confidence on its first page; table, "
     "spectra, stabilisation diagram over the spectrum, shapes and their MAC; in space with "
     "--geometry or a --model in space. Beside it, a file for --select.",
 )
 @click.option(
     "--out",
     type=OutFile(stdout=True),
-    help="File to write: .uff or .unv for programs of modal analysis (UFF 55), .csv for a "
-    "spreadsheet, else JSON; - for JSON on stdout instead of the table.",
+    help="File to write: .uff or .unv (UFF 55), .csv, else JSON; - for JSON on stdout instead "
+    "of the table.",
 )
 @click.option(
     "--geometry",
     type=EXISTING,
-    help="Where the channels are, for --out .uff and --report: CSV with channel, x, y, z, "
+    help="Where the channels are, for --out .uff and --report. CSV with channel, x, y, z, "
     "direction, or a universal file with nodes.",
+)
+@settings_option(
+    setting(
+        "--start-sd-ms",
+        type=POSITIVE,
+        default=20.0,
+        show_default=True,
+        help="With --with: how well the start of each record is known (one standard "
+        "deviation).",
+    ),
+    setting(
+        "--rate-sd-ppm",
+        type=POSITIVE,
+        default=100.0,
+        show_default=True,
+        help="With --with: how well the rate of each record is known (one standard deviation).",
+    ),
+    setting(
+        "--excitation",
+        type=click.Choice(["auto", "hammer", "shaker", "base"]),
+        default="auto",
+        show_default=True,
+        help="With --input: what excites the structure; auto detects it from unit and signal.",
+    ),
+    setting(
+        "--estimator",
+        type=click.Choice(["h1", "h2", "hv"]),
+        default="h1",
+        show_default=True,
+        help="With --input: noise in responses (h1), in the input (h2) or in both (hv).",
+    ),
+    setting(
+        "--block-s",
+        type=POSITIVE,
+        help="With a hammer: length of a block.  [default: from a blow to the next]",
+    ),
+    setting(
+        "--decay-s",
+        type=POSITIVE,
+        help="With a hammer: time constant of an exponential window, whose added damping is "
+        "removed.  [default: none; modes are fitted to the record without a window]",
+    ),
+    setting(
+        "--frf-kind",
+        type=click.Choice(["displacement", "velocity", "acceleration", "transmissibility"]),
+        help="RECORD holds measured frequency responses of this quantity per force (or of a "
+        "motion per motion of the base).  [default: detected]",
+    ),
+    *wording(),
 )
 def identify(
     window_s: float | None,
@@ -181,8 +190,8 @@ def identify(
     """
     if inputs is None and (block_s or decay_s):
         raise click.UsageError(
-            "--block-s and --decay-s can only be used together with --input, which names the "
-            "measured inputs. Give --input, or leave them out."
+            "The settings block_s and decay_s can only be used together with --input, which "
+            "names the measured inputs. Give --input, or leave them out."
         )
     if inputs is not None:
         if window_s or stream or second or method != "auto" or gaps != "use":

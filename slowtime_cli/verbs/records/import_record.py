@@ -5,6 +5,7 @@ import click
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import record_flags
 from slowtime_cli.shared.options import POSITIVE, Instant, Name, OutFile
+from slowtime_cli.shared.settings import setting, settings_option
 
 
 @click.command(
@@ -38,18 +39,20 @@ Examples:
     type=Instant(),
     help="Time of the first sample, such as 2022-07-19T22:55:00Z; overrides the file.",
 )
-@click.option(
-    "--block-s",
-    default=0.1,
-    show_default=True,
-    type=POSITIVE,
-    help="Length of a raw block.",
+@settings_option(
+    setting(
+        "--block-s",
+        default=0.1,
+        show_default=True,
+        type=POSITIVE,
+        help="Length of a raw block.",
+    ),
 )
 def import_(**_given: object) -> None:
     """Turn a record into an MCAP recording.
 
     RECORD is text of any delimiter, NumPy, MATLAB, Excel, TDMS, WAV, miniSEED, HDF5, Parquet,
     UFF and others (docs/files.md). The recording holds raw blocks with their rate, channels and
-    units; the same file gives the same bytes. `slowtime edge --recording` and `slowtime
+    units; the same file gives the same bytes. `slowtime edge --file` and `slowtime
     identify` read it; so do Foxglove's and other MCAP tools.
     """

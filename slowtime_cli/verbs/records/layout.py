@@ -13,7 +13,7 @@ from slowtime_cli.shared.options import OutFile
     extra="analysis",
     epilog="""\b
 Examples:
-  slowtime layout house.mcap --out house.layout.json
+  slowtime mcap layout house.mcap --out house.layout.json
 
 Open the recording in Foxglove or Lichtblick, and import the layout there.
 """,

@@ -17,9 +17,9 @@ from slowtime_cli.shared.options import POSITIVE, Names, OutFile
 Examples:
   slowtime identify low.csv --rate-hz 100 --method modes --out low.json
   slowtime identify high.csv --rate-hz 100 --method modes --out high.json
-  slowtime merge low.json high.json --out whole.json
-  slowtime merge low.json high.json --references top --out whole.unv
-  slowtime merge low.csv high.csv --before --rate-hz 100 --band-hz 0.5 20 --out whole.json
+  slowtime modes merge low.json high.json --out whole.json
+  slowtime modes merge low.json high.json --references top --out whole.unv
+  slowtime modes merge low.csv high.csv --before --rate-hz 100 --band-hz 0.5 20 --out whole.json
 
 Channels of one name are one place and direction on the structure.
 """,

@@ -6,7 +6,8 @@ import click
 
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import record_flags
-from slowtime_cli.shared.options import OutFile
+from slowtime_cli.shared.outputs import out_option
+from slowtime_cli.shared.settings import setting, settings_option
 
 
 @click.command(
@@ -15,8 +16,8 @@ from slowtime_cli.shared.options import OutFile
     extra="analysis",
     epilog="""\b
 Examples:
-  slowtime orders runup.csv --rate-hz 2000 --tacho pulse --orders 1,2,3
-  slowtime orders runup.csv --tacho pulse --pulses 60 --orders 0.5,1 --revolutions 32 \\
+  slowtime modes orders runup.csv --rate-hz 2000 --tacho pulse --orders 1,2,3
+  slowtime modes orders runup.csv --tacho pulse --orders 0.5,1 --setting pulses=60 \\
     --out orders.csv
 
 Peak amplitudes are in the unit of each channel; phases are those of a cosine at the first
@@ -26,28 +27,29 @@ pulse.
 @record_flags
 @click.option("--tacho", required=True, help="Channel with pulses of the shaft.")
 @click.option(
-    "--pulses",
-    type=click.IntRange(min=1),
-    default=1,
-    show_default=True,
-    help="Pulses in a revolution.",
-)
-@click.option(
     "--orders",
     "wanted",
     required=True,
     metavar="ORDER,...",
     help="Multiples of the speed: 1,2,3.",
 )
-@click.option(
-    "--revolutions",
-    type=click.IntRange(min=1),
-    default=16,
-    show_default=True,
-    help="Revolutions in a block; orders closer than two over this number are refused.",
+@out_option("CSV or JSON file to write.", ".csv", ".json", to="out")
+@settings_option(
+    setting(
+        "--pulses",
+        type=click.IntRange(min=1),
+        default=1,
+        show_default=True,
+        help="Pulses in a revolution.",
+    ),
+    setting(
+        "--revolutions",
+        type=click.IntRange(min=1),
+        default=16,
+        show_default=True,
+        help="Revolutions in a block; orders closer than two over this number are refused.",
+    ),
 )
-@click.option("--out", type=OutFile(".csv", ".json"), help="CSV or JSON file to write.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
 def orders(record_path: Path, **_given: object) -> None:
     """Track the orders of a rotating machine, with a tacho signal.
 

@@ -13,7 +13,7 @@ from slowtime_cli.shared.options import OutFile
     extra="analysis",
     epilog="""\b
 Examples:
-  slowtime recover killed.mcap --out sound.mcap
+  slowtime mcap recover killed.mcap --out sound.mcap
 """,
 )
 @click.argument("damaged", type=EXISTING)

@@ -6,7 +6,7 @@ import click
 
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING
-from slowtime_cli.shared.options import OutFile
+from slowtime_cli.shared.outputs import out_option
 
 
 @click.command(
@@ -17,7 +17,7 @@ from slowtime_cli.shared.options import OutFile
 Examples:
   slowtime identify bare.csv --rate-hz 100 --method modes --out bare.json
   slowtime identify heavier.csv --rate-hz 100 --method modes --out heavier.json
-  slowtime scale bare.json --added heavier.json a3=20,a4=20 --out scaled.json
+  slowtime modes scale bare.json --added heavier.json a3=20,a4=20 --out scaled.json
 
 A mass moves in every direction: where a place has several channels, name each of them.
 """,
@@ -32,8 +32,7 @@ A mass moves in every direction: where a place has several channels, name each o
     help="Modes of the structure with masses added, and the mass at each channel [kg]; may be "
     "repeated for other masses.",
 )
-@click.option("--out", type=OutFile(".json"), help="JSON file to write, with scaled shapes.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
+@out_option("JSON file to write, with scaled shapes.", ".json", to="out")
 def scale(modes: Path, added: tuple[tuple[Path, str], ...], **_given: object) -> None:
     """Scale operational mode shapes by known added masses.
 

@@ -8,6 +8,7 @@ from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.demo_structures import STRUCTURES
 from slowtime_cli.shared.flags import EXISTING, Effects
 from slowtime_cli.shared.options import POSITIVE, OutFile, together
+from slowtime_cli.shared.settings import setting, settings_option
 
 
 @click.command(
@@ -21,7 +22,8 @@ Examples:
   slowtime simulate --structure frame --epochs 4 --out frame.npz
   slowtime simulate --model rig.yaml --input shaker.csv --out rig.npz
   slowtime simulate --model tower.yaml --duration 600 --rate-hz 50 --seed 1 --out tower.npz
-  slowtime simulate --model rig.yaml --initial m1=0.02 --duration 9 --rate-hz 50 --out d.npz
+  slowtime simulate --model rig.yaml --setting initial=m1=0.02 --out d.npz \\
+    --duration 9 --rate-hz 50
 """,
 )
 @click.option(
@@ -57,43 +59,45 @@ Examples:
     type=POSITIVE,
     help="With --model without inputs: seconds of ambient vibration.",
 )
-@click.option(
-    "--force-psd",
-    default=1.0,
-    show_default=True,
-    type=POSITIVE,
-    help="Density of the ambient force on each node, one-sided [N^2/Hz].",
-)
-@click.option(
-    "--hold",
-    default="first",
-    show_default=True,
-    type=click.Choice(["first", "zero", "band_limited"]),
-    help="With --model: interpolation between samples of inputs that have no `hold` in the "
-    "model file: linear (first), held (zero), or limited to half the sampling rate "
-    "(band_limited). An imposed displacement is always band_limited.",
-)
-@click.option(
-    "--effects",
-    multiple=True,
-    type=Effects(),
-    metavar="FILE|NAME",
-    help="With --model: Python file with effects of your own, or name of an installed "
-    "plug-in; may be repeated.",
-)
-@click.option(
-    "--initial",
-    multiple=True,
-    metavar="NODE=DISPLACEMENT[,VELOCITY]",
-    help="With --model: initial state of a node relative to the base [m, m/s; rad, rad/s], in "
-    "place of the one in the model; may be repeated.",
-)
 @click.option("--noise", is_flag=True, help="Add each sensor's noise_sd; needs --seed.")
 @click.option(
     "--out",
     required=True,
     type=OutFile(".mcap", ".npz"),
     help="MCAP or NumPy (.npz) file to write.",
+)
+@settings_option(
+    setting(
+        "--effects",
+        multiple=True,
+        type=Effects(),
+        metavar="FILE|NAME",
+        help="With --model: Python file with effects of your own, or name of an installed "
+        "plug-in; may be repeated.",
+    ),
+    setting(
+        "--force-psd",
+        default=1.0,
+        show_default=True,
+        type=POSITIVE,
+        help="Density of the ambient force on each node, one-sided [N^2/Hz].",
+    ),
+    setting(
+        "--hold",
+        default="first",
+        show_default=True,
+        type=click.Choice(["first", "zero", "band_limited"]),
+        help="With --model: interpolation between samples of inputs that have no `hold` in the "
+        "model file: linear (first), held (zero), or limited to half the sampling rate "
+        "(band_limited). An imposed displacement is always band_limited.",
+    ),
+    setting(
+        "--initial",
+        multiple=True,
+        metavar="NODE=DISPLACEMENT[,VELOCITY]",
+        help="With --model: initial state of a node relative to the base [m, m/s; rad, "
+        "rad/s], in place of the one in the model; may be repeated.",
+    ),
 )
 def simulate(name: str | None, model: Path | None, **_given: object) -> None:
     """Write the vibration of an ageing structure or of a model file.
@@ -102,8 +106,8 @@ def simulate(name: str | None, model: Path | None, **_given: object) -> None:
     samples (epoch, time), their slow times and the true values.
 
     With --model, its effects included: under the inputs found in RECORD, from rest or from the
-    initial state in the model or in --initial. A model without inputs decays freely from its
-    initial state; without one, it is stationary under ambient forces. OUT (.npz) holds
+    initial state in the model or in `--setting initial=`. A model without inputs decays freely
+    from its initial state; without one, it is stationary under ambient forces. OUT (.npz) holds
     t [s] and one array for each sensor.
     """
     together((("--structure", name), ("--model", model)))

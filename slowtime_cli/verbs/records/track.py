@@ -6,7 +6,9 @@ import click
 
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING
-from slowtime_cli.shared.options import Names, OutFile
+from slowtime_cli.shared.options import Names
+from slowtime_cli.shared.outputs import out_option
+from slowtime_cli.shared.settings import setting, settings_option
 
 
 class Times(click.ParamType):  # type: ignore[type-arg]  # generic in stubs only
@@ -35,9 +37,10 @@ class Times(click.ParamType):  # type: ignore[type-arg]  # generic in stubs only
     extra="analysis",
     epilog="""\b
 Examples:
-  slowtime track rig.yaml monday.csv tuesday.csv --white-force 0.5
-  slowtime track rig.yaml day*.csv --at 0,30,60,90 --free mount.stiffness --forecast-to 180
-  slowtime track rig.yaml run.csv --json
+  slowtime modes track rig.yaml monday.csv tuesday.csv --white-force 0.5
+  slowtime modes track rig.yaml day*.csv --at 0,30,60,90 --free mount.stiffness \\
+    --setting forecast_to=180
+  slowtime modes track rig.yaml run.csv --out -
 
 The model lists inputs and acceleration sensors; its effects are laws without memory, such as
 cubic_hardening or van_der_pol.
@@ -58,26 +61,25 @@ cubic_hardening or van_der_pol.
     show_default=True,
     help="Unmeasured white force on every node: square root of its density [N s^(1/2)].",
 )
-@click.option(
-    "--force-sd",
-    type=click.FloatRange(min=0),
-    help="Error of the measured force [N]; by default 1 % of its rms.",
-)
 @click.option("--at", type=Times(), help="Slow time of each record; by default 0, 1, 2, ...")
-@click.option(
-    "--forecast-to",
-    type=float,
-    help="Slow time to which each constant is forecast, from five records on.",
-)
 @click.option(
     "--rate-hz",
     type=click.FloatRange(min=0, min_open=True),
     help="Sampling rate of the records [Hz].",
 )
-@click.option(
-    "--out", type=OutFile(), help="CSV file of the constants, one row for each record."
+@out_option("CSV file of the constants, one row for each record, or JSON.", ".csv", to="out")
+@settings_option(
+    setting(
+        "--force-sd",
+        type=click.FloatRange(min=0),
+        help="Error of the measured force [N]; by default 1 % of its rms.",
+    ),
+    setting(
+        "--forecast-to",
+        type=float,
+        help="Slow time to which each constant is forecast, from five records on.",
+    ),
 )
-@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
 def track(records: tuple[str, ...], at: tuple[float, ...] | None, **_given: object) -> None:
     """Track the constants of a nonlinear structure over slow time.
 

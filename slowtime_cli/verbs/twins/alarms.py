@@ -3,19 +3,21 @@
 import click
 
 from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.help_pages import DocumentedGroup
 from slowtime_cli.shared.options import POSITIVE, Name, server_option
 
 
 @click.group(
+    cls=DocumentedGroup,
     epilog="""\b
 Examples:
-  slowtime alarms test lab.beam
-  slowtime alarms test lab.beam --receiver ops --server https://twin.example
-  slowtime alarms deliveries lab.beam
+  slowtime twin alarms test lab.beam
+  slowtime twin alarms test lab.beam --receiver ops --server https://twin.example
+  slowtime twin alarms deliveries lab.beam
 
 Receivers stand in the settings of the twin server, routes to them in the registration of a
 twin: docs/alarms_out.md.
-"""
+""",
 )
 def alarms() -> None:
     """Send a test alarm of a twin, and show deliveries of alarms."""

@@ -6,21 +6,30 @@ import click
 
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING
+from slowtime_cli.shared.help_pages import DocumentedGroup
 from slowtime_cli.shared.options import POSITIVE, Name, OutFile, server_option
+from slowtime_cli.shared.outputs import out_option
+
+
+def _form_of(ctx: click.Context, _param: click.Parameter, out: Path) -> Path:
+    """Hand on the form of a graph, which the ending of its file says."""
+    ctx.params["form"] = "json-ld" if out.suffix.lower() == ".jsonld" else "dtdl-3"
+    return out
 
 
 @click.group(
+    cls=DocumentedGroup,
     epilog="""\b
 Examples:
-  slowtime composite add yard.yaml --id demo.yard
-  slowtime composite list
-  slowtime composite show demo.yard --horizon 365
-  slowtime composite export --site demo --out demo.json
-  slowtime composite import building.json --site demo --dry-run
+  slowtime twin composite add yard.yaml --id demo.yard
+  slowtime twin composite list
+  slowtime twin composite show demo.yard --horizon 365
+  slowtime twin composite export --site demo --out demo.json
+  slowtime twin composite import building.json --site demo --dry-run
 
 A composite names twins or other composites as its members, and says in a tree of series,
 parallel and k-out-of-n gates how their failure makes it fail (docs/composites.md).
-"""
+""",
 )
 def composite() -> None:
     """Combine twins into sites, lines and structures of parts."""
@@ -47,7 +56,7 @@ def list_(**_given: object) -> None:
 @composite.command(cls=Deferred, work="twins.composite:show", extra="analysis")
 @click.argument("composite_id", type=Name(parts=2))
 @click.option("--horizon", type=POSITIVE, help="Horizon, in slow time.")
-@click.option("--json", "as_json", is_flag=True, help="Write all of it as JSON.")
+@out_option("JSON file to write, with all of it.")
 @server_option
 def show(**_given: object) -> None:
     """Show health, failure probability, importance and pooled rates of a composite."""
@@ -75,17 +84,18 @@ def import_(**_given: object) -> None:
     """
 
 
-@composite.command(cls=Deferred, work="twins.composite:export", extra="analysis")
+@composite.command(
+    cls=Deferred, fixed={"form": "dtdl-3"}, work="twins.composite:export", extra="analysis"
+)
 @click.option("--site", type=Name(), help="Only this site.  [default: all]")
 @click.option(
-    "--as",
-    "form",
-    type=click.Choice(["dtdl-3", "dtdl-2", "json-ld"]),
-    default="dtdl-3",
-    show_default=True,
-    help="Version of the models, or JSON-LD without models.",
+    "--out",
+    required=True,
+    type=OutFile(".json", ".jsonld"),
+    callback=_form_of,
+    help="File to write: .json with DTDL version 3 models, or .jsonld (JSON-LD) without "
+    "models.",
 )
-@click.option("--out", required=True, type=OutFile(".json", ".jsonld"), help="File to write.")
 @server_option
 def export(site: str | None, form: str, out: Path, server: str) -> None:
     """Write twins, composites and their relationships as a graph."""

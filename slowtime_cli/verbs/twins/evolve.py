@@ -3,9 +3,16 @@
 import click
 
 from slowtime_cli.shared.deferred import Deferred
-from slowtime_cli.shared.flags import EXISTING, as_built, refuse_damping_alone
+from slowtime_cli.shared.flags import (
+    EXISTING,
+    LEARN_EPOCHS,
+    as_built,
+    changes_option,
+    refuse_damping_alone,
+)
 from slowtime_cli.shared.options import Name, OutFile
-from slowtime_cli.shared.report_flags import report_flags
+from slowtime_cli.shared.report_flags import report_flag, wording
+from slowtime_cli.shared.settings import settings_option
 
 
 @click.command(
@@ -14,15 +21,16 @@ from slowtime_cli.shared.report_flags import report_flags
     extra="analysis",
     epilog="""\b
 Examples:
-  slowtime evolve modes.json --nominal-hz 5 --out states.json
-  slowtime evolve house.mcap --asset demo.tower --nominal-hz 5 --nominal-damping 0.01
-  slowtime evolve frequencies.csv --changes mass --out evolution.json
+  slowtime twin evolve modes.json --nominal-hz 5 --out states.json
+  slowtime twin evolve house.mcap --asset demo.tower --nominal-hz 5 --nominal-damping 0.01
+  slowtime twin evolve frequencies.csv --changes mass --out evolution.json
 
 A text file has a header and, between commas, semicolons or tabs, the columns slow_time,
 frequency_hz, frequency_sd and, where the damping is known, damping_ratio and damping_sd.
 """,
 )
 @click.argument("source", type=EXISTING)
+@changes_option
 @as_built
 @click.option(
     "--asset", type=Name(parts=2), help="SITE.ASSET, where a recording holds several."
@@ -32,7 +40,8 @@ frequency_hz, frequency_sd and, where the damping is known, damping_ratio and da
     type=OutFile(stdout=True),
     help="JSON file to write, {points: [state, ...]}; - for stdout instead of the table.",
 )
-@report_flags
+@report_flag
+@settings_option(LEARN_EPOCHS, *wording())
 def evolve(nominal_hz: float | None, nominal_damping: float | None, **_given: object) -> None:
     """Estimate changes of stiffness and mass from frequencies.
 

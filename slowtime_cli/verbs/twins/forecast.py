@@ -5,8 +5,14 @@ from typing import Any
 import click
 
 from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.flags import CHANGES, LEARN_EPOCHS
 from slowtime_cli.shared.options import POSITIVE, OutFile, Real
-from slowtime_cli.verbs.twins.twin_flags import refuse_incomplete_query, twin_flags
+from slowtime_cli.shared.settings import setting, settings_option
+from slowtime_cli.verbs.twins.twin_flags import (
+    events_option,
+    refuse_incomplete_query,
+    twin_flags,
+)
 
 
 @click.command(
@@ -15,16 +21,17 @@ from slowtime_cli.verbs.twins.twin_flags import refuse_incomplete_query, twin_fl
     extra="analysis",
     epilog="""\b
 Examples:
-  slowtime forecast modes.json --nominal-hz 4 --threshold -0.2
-  slowtime forecast house.mcap --asset demo.tower --nominal-hz 5 --horizon 200
-  slowtime forecast house.mcap --asset demo.tower --nominal-hz 5 --events events.json
-  slowtime forecast --server http://127.0.0.1:8000 --asset demo.tower --threshold -0.3
+  slowtime twin forecast modes.json --nominal-hz 4 --threshold -0.2
+  slowtime twin forecast house.mcap --asset demo.tower --nominal-hz 5 --horizon 200
+  slowtime twin forecast house.mcap --asset demo.tower --nominal-hz 5 --events events.json
+  slowtime twin forecast --server http://127.0.0.1:8000 --asset demo.tower --threshold -0.3
 
-SOURCE is what `slowtime evolve` takes: the file of `slowtime identify --window-s`, a recording
-of features, or text with the columns slow_time, frequency_hz, frequency_sd.
+SOURCE is what `slowtime twin evolve` takes: the file of `slowtime identify --window-s`, a
+recording of features, or text with the columns slow_time, frequency_hz, frequency_sd.
 """,
 )
 @twin_flags
+@events_option
 @click.option(
     "--horizon",
     type=POSITIVE,
@@ -32,27 +39,31 @@ of features, or text with the columns slow_time, frequency_hz, frequency_sd.
     "for a simulated structure. The command prints the unit.",
 )
 @click.option(
-    "--points",
-    type=click.IntRange(1, 200),
-    default=20,
-    show_default=True,
-    help="Number of future times.",
-)
-@click.option(
     "--threshold",
     type=Real(min=-1),
     help="Threshold of a change, besides those of the registration.",
-)
-@click.option("--quantity", help="Quantity of the threshold, if several are estimated.")
-@click.option(
-    "--toward",
-    type=click.Choice(["below", "above"]),
-    help="Direction of crossing; by default from the present side.",
 )
 @click.option(
     "--out",
     type=OutFile(stdout=True),
     help="JSON file to write, as REST answers; - for stdout instead of the table.",
+)
+@settings_option(
+    setting("--quantity", help="Quantity of the threshold, if several are estimated."),
+    setting(
+        "--points",
+        type=click.IntRange(1, 200),
+        default=20,
+        show_default=True,
+        help="Number of future times.",
+    ),
+    setting(
+        "--toward",
+        type=click.Choice(["below", "above"]),
+        help="Direction of crossing; by default from the present side.",
+    ),
+    CHANGES,
+    LEARN_EPOCHS,
 )
 def forecast(**given: Any) -> None:
     """Forecast the changes of a twin, and when they reach thresholds.

@@ -3,18 +3,20 @@
 import click
 
 from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.help_pages import DocumentedGroup
 from slowtime_cli.shared.options import server_option
 
 
 @click.group(
+    cls=DocumentedGroup,
     epilog="""\b
 Examples:
-  slowtime holdings list
-  slowtime holdings cancel 9f86d081884c7d65 --server https://twin.example
+  slowtime twin holdings list
+  slowtime twin holdings cancel 9f86d081884c7d65 --server https://twin.example
 
 Needed where a server answers that too much is under way (status 429 or 503). Tokens see what
 counts for their sites; to cancel needs one of scope admin.
-"""
+""",
 )
 def holdings() -> None:
     """Show what a server has under way for your sites, and end it."""
@@ -30,4 +32,4 @@ def show_all(**_given: object) -> None:
 @click.argument("holding")
 @server_option
 def cancel(**_given: object) -> None:
-    """End what has the id HOLDING, as `slowtime holdings list` shows it."""
+    """End what has the id HOLDING, as `slowtime twin holdings list` shows it."""

@@ -3,20 +3,22 @@
 import click
 
 from slowtime_cli.shared.deferred import Deferred
+from slowtime_cli.shared.help_pages import DocumentedGroup
 from slowtime_cli.shared.options import Name, server_option
 
 NUMBER = click.IntRange(min=1)
 
 
 @click.group(
+    cls=DocumentedGroup,
     epilog="""\b
 Examples:
-  slowtime quarantine list lab.beam
-  slowtime quarantine release lab.beam 3
-  slowtime quarantine drop lab.beam 3 --server https://twin.example
+  slowtime twin quarantine list lab.beam
+  slowtime twin quarantine release lab.beam 3
+  slowtime twin quarantine drop lab.beam 3 --server https://twin.example
 
 What is set aside, and why: docs/operating.md.
-"""
+""",
 )
 def quarantine() -> None:
     """List, release and drop messages that the server set aside."""

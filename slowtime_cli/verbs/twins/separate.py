@@ -4,7 +4,8 @@ import click
 
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING
-from slowtime_cli.shared.options import Name, OutFile
+from slowtime_cli.shared.options import Name
+from slowtime_cli.shared.outputs import out_option
 
 
 @click.command(
@@ -13,23 +14,18 @@ from slowtime_cli.shared.options import Name, OutFile
     extra="analysis",
     epilog="""\b
 Examples:
-  slowtime separate modes.json --out scales.csv
-  slowtime separate house.mcap --asset demo.tower
-  slowtime separate history.csv --json
+  slowtime twin separate modes.json --out scales.csv
+  slowtime twin separate house.mcap --asset demo.tower
+  slowtime twin separate history.csv --out -
 
-A text file has the columns slow_time, value and sd, or those that `slowtime evolve` reads.
+A text file has the columns slow_time, value and sd, or those that `slowtime twin evolve` reads.
 """,
 )
 @click.argument("source", type=EXISTING)
 @click.option(
     "--asset", type=Name(parts=2), help="SITE.ASSET, where a recording holds several."
 )
-@click.option(
-    "--out",
-    type=OutFile(),
-    help="CSV file: both parts with standard deviation at each reading.",
-)
-@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
+@out_option("CSV file with both parts and their sd at each reading, or JSON.", ".csv", to="out")
 def separate(**_given: object) -> None:
     """Separate a history into a drift and a recurring part.
 

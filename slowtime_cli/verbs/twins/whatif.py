@@ -6,9 +6,10 @@ from typing import Any
 import click
 
 from slowtime_cli.shared.deferred import Deferred
-from slowtime_cli.shared.flags import EXISTING
+from slowtime_cli.shared.flags import CHANGES, EXISTING, LEARN_EPOCHS
 from slowtime_cli.shared.options import POSITIVE, OutFile, Real
-from slowtime_cli.verbs.twins.twin_flags import refuse_incomplete_query, twin_flags
+from slowtime_cli.shared.settings import setting, settings_option
+from slowtime_cli.verbs.twins.twin_flags import EVENTS, refuse_incomplete_query, twin_flags
 
 NEEDED = {"harmonic": ("amplitude", "frequency_hz"), "step": ("amplitude",), "white": ("psd",)}
 """Kind of load → options without which it is no load."""
@@ -20,10 +21,11 @@ NEEDED = {"harmonic": ("amplitude", "frequency_hz"), "step": ("amplitude",), "wh
     extra="analysis",
     epilog="""\b
 Examples:
-  slowtime whatif modes.json --nominal-hz 4 --load harmonic --amplitude 0.5 --frequency-hz 3.9
-  slowtime whatif --server http://127.0.0.1:8000 --asset demo.frame --load step \\
+  slowtime twin whatif modes.json --nominal-hz 4 --load harmonic --amplitude 0.5 \\
+    --frequency-hz 3.9
+  slowtime twin whatif --server http://127.0.0.1:8000 --asset demo.frame --load step \\
     --amplitude 500 --on floor3 --quantity displacement --out answer.json
-  slowtime whatif modes.json --load recorded --record quake.csv --rate-hz 100 --seed 7
+  slowtime twin whatif modes.json --load recorded --record quake.csv --rate-hz 100
 
 A load on the base is an acceleration [m/s^2], on a node of the model a force [N].
 """,
@@ -38,11 +40,8 @@ A load on the base is an acceleration [m/s^2], on a node of the model a force [N
 )
 @click.option("--amplitude", type=Real(), help="Amplitude of a harmonic or a step.")
 @click.option("--frequency-hz", type=POSITIVE, help="Frequency of a harmonic.")
-@click.option("--phase-deg", type=Real(-360, 360), help="Phase of a harmonic; it is a cosine.")
-@click.option("--at-s", type=Real(min=0), help="Start of a step.")
 @click.option("--psd", type=Real(min=0), help="Density of white noise, one-sided [unit^2/Hz].")
 @click.option("--record", type=EXISTING, help="File that holds a recorded load.")
-@click.option("--channel", help="Channel of that file; by default its only one.")
 @click.option(
     "--on", default="base", show_default=True, help="Where the load acts: the base, or a node."
 )
@@ -62,24 +61,32 @@ A load on the base is an acceleration [m/s^2], on a node of the model a force [N
 @click.option("--duration", "duration_s", type=POSITIVE, help="Seconds.")
 @click.option("--rate-hz", type=POSITIVE, help="Samples per second.")
 @click.option(
-    "--level",
-    type=Real(0, 1, min_open=True, max_open=True),
-    default=0.95,
-    show_default=True,
-    help="Probability of the bands.",
-)
-@click.option("--draws", type=click.IntRange(20, 2000), help="Number of structures sampled.")
-@click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    default=0,
-    show_default=True,
-    help="Seed of the random numbers.",
-)
-@click.option(
     "--out",
     type=OutFile(stdout=True),
     help="JSON file to write, as REST answers; - for stdout instead of the table.",
+)
+@settings_option(
+    setting(
+        "--seed",
+        type=click.IntRange(min=0),
+        default=0,
+        show_default=True,
+        help="Seed of the random numbers.",
+    ),
+    setting("--phase-deg", type=Real(-360, 360), help="Phase of a harmonic; it is a cosine."),
+    setting("--at-s", type=Real(min=0), help="Start of a step."),
+    setting("--channel", help="Channel of that file; by default its only one."),
+    setting(
+        "--level",
+        type=Real(0, 1, min_open=True, max_open=True),
+        default=0.95,
+        show_default=True,
+        help="Probability of the bands.",
+    ),
+    setting("--draws", type=click.IntRange(20, 2000), help="Number of structures sampled."),
+    CHANGES,
+    LEARN_EPOCHS,
+    EVENTS,
 )
 def whatif(kind: str, record: Path | None, channel: str | None, **given: Any) -> None:
     """Simulate a twin's current structure under a load, with bands.
@@ -91,7 +98,7 @@ def whatif(kind: str, record: Path | None, channel: str | None, **given: Any) ->
     if kind == "recorded" and record is None:
         raise click.UsageError("A recorded load needs --record FILE.")
     if kind != "recorded" and (record is not None or channel is not None):
-        raise click.UsageError("--record and --channel go with --load recorded.")
+        raise click.UsageError("--record and the setting channel go with --load recorded.")
     missing = [name for name in NEEDED.get(kind, ()) if given[name] is None]
     if missing:
         options = " and ".join(f"--{name.replace('_', '-')}" for name in missing)

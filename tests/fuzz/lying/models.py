@@ -119,7 +119,7 @@ def _json_lies() -> list[Case]:
         "quotes": '{"' * 2_000_000,
         "escapes": '"' + "\\" * 4_000_001,
     }
-    command = ("evolve", "{file}", "--nominal-hz", "5", "--learn-epochs", "2")
+    command = ("evolve", "{file}", "--nominal-hz", "5", "--setting", "learn_epochs=2")
     return [
         Case(f"json_of_{name}", "modes.json", _modes, text(lie), command)
         for name, lie in lies.items()

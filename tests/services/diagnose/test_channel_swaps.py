@@ -65,7 +65,7 @@ def test_powers_are_nearest_to_the_models_where_wires_are_put_right(swap, one, t
 @pytest.mark.parametrize(("swap", "one", "two"), SWAPS)
 def test_exchanged_sensors_are_told_with_the_roles_that_mend_them(swap, one, two):
     with pytest.raises(
-        RecordError, match=f"{one} and {two} appear to be exchanged.*--unchecked"
+        RecordError, match=f"{one} and {two} appear to be exchanged.*--setting unchecked=yes"
     ) as told:
         refuse_nonsense(campaign(swap, off=1.03), ["r.csv"])
     assert f"--channel {one}={two} --channel {two}={one}" in str(told.value)

@@ -39,7 +39,7 @@ def test_a_model_that_takes_more_memory_than_machines_have_is_refused_with_the_c
     )  # fmt: skip
     if refused and not reducible:
         with pytest.raises(
-            RecordError, match=r"about 19 GB .* beside the base .* `slowtime reduce`"
+            RecordError, match=r"about 19 GB .* beside the base .* `slowtime model reduce`"
         ):
             refuse_large_models(model)
     else:

@@ -176,7 +176,7 @@ def test_a_line_cut_short_at_the_very_end_is_left_out(tmp_path):
     [
         ("", "is empty"),
         ("  \n \n", "is empty"),
-        ("only words\nand more\n", "No row of numbers .* --skip-lines"),
+        ("only words\nand more\n", "No row of numbers .* --reading skip_lines"),
         ("t,a\n1,2\n", "a single row"),
         ("t\n0.0\n0.1\n0.2\n0.3\n", "no channel beside its clock"),
         ("a,b\0\n1,2\n", "not text: it holds zero bytes"),

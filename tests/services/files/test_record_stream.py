@@ -223,7 +223,7 @@ def test_columns_that_hold_as_many_points_as_are_stated_are_a_question(tmp_path)
     stated(path, "Sampling rate: 100 Hz\nNumber of points: 15000\n", names="")
     with (
         open_record(path, piece_bytes=PIECE) as opened,
-        pytest.raises(RecordError, match=r"--wrapped"),
+        pytest.raises(RecordError, match=r"--reading wrapped=yes"),
     ):
         list(opened.blocks)
 

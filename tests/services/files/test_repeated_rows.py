@@ -38,7 +38,7 @@ def test_readings_are_used_once_at_the_rate_of_the_sensor(tmp_path, stamps, repe
 
 def test_uneven_repetition_is_a_question_that_an_option_settles(tmp_path):
     values = polled(tmp_path / "poll.csv", repeats=tuple(RNG.integers(1, 4, 600)))
-    with pytest.raises(RecordError, match="--repeated drop"):
+    with pytest.raises(RecordError, match="--reading repeated=drop"):
         read_record(tmp_path / "poll.csv")
     dropped = read_record(tmp_path / "poll.csv", repeated="drop")
     np.testing.assert_array_equal(dropped.samples, values)

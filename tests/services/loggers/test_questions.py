@@ -49,14 +49,14 @@ def read(tmp_path):
     [
         pytest.param(
             "Time,ax,ay\n" + rows(lambda i: f"{10 * i},{two(i)}"),
-            r"no unit: in seconds .* 0\.1 Hz.*in milliseconds it would be 100 Hz.*--time-unit",
+            r"no unit: in seconds .* 0\.1 Hz.*in milliseconds .* 100 Hz.*--reading time_unit",
             {"time_unit": "ms"},
             100.0,
             id="counts without a unit",
         ),
         pytest.param(
             "Time,ax,ay\n" + rows(lambda i: f"{i},{two(i)}"),
-            r"no unit.*1 Hz.*--time-unit",
+            r"no unit.*1 Hz.*--reading time_unit",
             {"time_unit": "ms"},
             1000.0,
             id="whole counts",
@@ -113,7 +113,7 @@ def read(tmp_path):
         ),
         pytest.param(
             "SAMPLING RATE: 100\n" + of_width(8, np.cumsum(X)),
-            r"8 columns .* no names.*one series .*1500 samples.*--wrapped",
+            r"8 columns .* no names.*one series .*1500 samples.*--reading wrapped=yes",
             {"wrapped": True},
             100.0,
             id="wrapped, perhaps",
@@ -134,7 +134,7 @@ def read(tmp_path):
         ),
         pytest.param(
             "t_s,t_ms,ax\n" + rows(lambda i: f"{TIME[i]:.2f},{5 * i},{X[i]}"),
-            r"Two columns contain different times: 't_s' 100 Hz, 't_ms' 200 Hz.*--time-column",
+            r"Two columns .*different times: 't_s' 100 Hz, .* 200 Hz.*--reading time_column",
             {"time_column": "t_ms"},
             200.0,
             id="two clocks",
@@ -382,6 +382,6 @@ def test_day_and_month_that_could_be_exchanged_leave_the_start_open(read):
     text = "time,ax\n" + rows(lambda i: f"04/05/2024 15:00:{TIME[i]:06.3f},{X[i]}")
     record = read(text)
     assert (record.rate_hz, record.start_ns) == (RATE, None)
-    assert "--date-order" in record.notes[0]
+    assert "--reading date_order=dmy" in record.notes[0]
     assert read(text, date_order="dmy").start_ns == 1_714_834_800_000_000_000
     assert read(text, date_order="mdy").start_ns == 1_712_329_200_000_000_000

@@ -43,7 +43,7 @@ def test_dates_of_three_short_numbers_leave_the_start_open(read, form):
     times = stamps(f"{form} %H:%M:%S.%f")
     record = read("Time,ax", times)
     assert (record.rate_hz, record.start_ns) == (100.0, None)
-    assert any("--date-order dmy, mdy or ymd" in note for note in record.notes)
+    assert any("--reading date_order=dmy, mdy or ymd" in note for note in record.notes)
     order = "".join(letter for letter in form if letter in "ymd")
     assert read("Time,ax", times, date_order=order).start_ns == ns(START)
 

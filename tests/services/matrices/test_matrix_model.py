@@ -120,5 +120,5 @@ def test_a_reduced_model_written_is_read_again(tmp_path):
     np.testing.assert_array_equal(reduced.sense(rows), found.sense(rows))
     assert found.error == reduced.error
     np.savez(tmp_path / "other.npz", a=np.ones(2))
-    with pytest.raises(MatrixFileError, match="`slowtime reduce --out` wrote"):
+    with pytest.raises(MatrixFileError, match="`slowtime model reduce --out` wrote"):
         read_reduced(tmp_path / "other.npz")

@@ -242,7 +242,7 @@ def test_models_that_cannot_be_reduced_say_what_to_do(change, words):
 
 
 def test_verbs_for_models_on_a_line_say_that_a_frame_is_to_be_reduced():
-    with pytest.raises(ModelFileError, match="reduce it first: slowtime reduce"):
+    with pytest.raises(ModelFileError, match="reduce it first: slowtime model reduce"):
         read_model(GOLDEN)
     assert read_finite_elements(GOLDEN.with_name("v1.yaml")) is None
 

@@ -48,7 +48,7 @@ def test_a_file_cut_anywhere_keeps_every_complete_chunk(tmp_path, whole, feature
     for number, cut in enumerate([*range(len(data) - 1, 400, -len(data) // 23), 60, 8]):
         broken = tmp_path / f"cut{number}.mcap"
         broken.write_bytes(data[:cut])
-        with pytest.raises(RecordingError, match="Run `slowtime recover"):
+        with pytest.raises(RecordingError, match="Run `slowtime mcap recover"):
             read_recording(broken)
         out = tmp_path / f"sound{number}.mcap"
         recovered = recover(broken, out)

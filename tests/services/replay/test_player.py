@@ -219,6 +219,6 @@ def test_a_broken_recording_is_refused_before_anything_is_published(house):
     bus = MemoryBus()
     got: list[object] = []
     bus.subscribe("slowtime/**", got.append)
-    with pytest.raises(RecordingError, match="slowtime recover"):
+    with pytest.raises(RecordingError, match="slowtime mcap recover"):
         replay(path, bus)
     assert not got

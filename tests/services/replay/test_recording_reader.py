@@ -83,7 +83,7 @@ def test_damage_to_the_index_says_to_recover(house):
     data = bytearray(path.read_bytes())
     data[-29:-21] = (len(data) - 40).to_bytes(8, "little")  # where the footer finds the summary
     path.write_bytes(data)
-    with pytest.raises(RecordingError, match=r"is damaged: .*Run `slowtime recover"):
+    with pytest.raises(RecordingError, match=r"is damaged: .*Run `slowtime mcap recover"):
         contents(path)
 
 

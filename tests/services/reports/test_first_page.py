@@ -576,7 +576,7 @@ def test_modes_beyond_the_channels_and_those_flagged_beside_a_line_are_doubtful(
         (10.002, 0.002, 0.99, "Keep the model: all differences are at most 0.02 %, within 1 "),
         (10.05, 0.002, 0.99, "Keep the model: all differences are at most 0.5 %"),
         (10.5, 0.5, None, "Keep the model: all differences are at most 4.8 %, within 1 "),
-        (10.5, 0.002, 0.99, "Refit the model to these modes (slowtime update): at 10 Hz"),
+        (10.5, 0.002, 0.99, "Refit the model to these modes (slowtime model update): at 10 Hz"),
         (10.002, 0.002, 0.4, "Check places and directions of the sensors"),
     ],
 )

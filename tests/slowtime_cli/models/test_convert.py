@@ -15,9 +15,9 @@ BEAM = (
 def test_a_mesh_becomes_a_model_whose_frequencies_are_printed(tmp_path, run):
     (tmp_path / "beam.bdf").write_text(BEAM)
     out = tmp_path / "beam.yaml"
-    said = run("convert", tmp_path / "beam.bdf", "--out", out, "--parameters").out
+    said = run("model", "convert", tmp_path / "beam.bdf", "--out", out, "--parameters").out
     assert "3 nodes, 2 elements, 0 masses, 1 supports" in said
-    body = json.loads(run("reduce", out, "--modes", "2", "--json").out)
+    body = json.loads(run("model", "reduce", out, "--modes", "2", "--out", "-").out)
     assert body["parameters"] == ["PBAR 1"]
     speed = np.sqrt(2.1e11 * 8.3e-6 / (7850.0 * 0.01))
     # Two cubic elements: the first frequency is 0.05 % above the closed form.
@@ -28,7 +28,9 @@ def test_a_mesh_becomes_a_model_whose_frequencies_are_printed(tmp_path, run):
 
 def test_a_model_without_parameters_is_reduced_too(tmp_path, run):
     (tmp_path / "beam.bdf").write_text(BEAM)
-    run("convert", tmp_path / "beam.bdf", "--out", tmp_path / "beam.yaml")
-    body = json.loads(run("reduce", tmp_path / "beam.yaml", "--modes", "3", "--json").out)
+    run("model", "convert", tmp_path / "beam.bdf", "--out", tmp_path / "beam.yaml")
+    body = json.loads(
+        run("model", "reduce", tmp_path / "beam.yaml", "--modes", "3", "--out", "-").out
+    )
     assert body["parameters"] == []
     assert body["error"]["frequency"] < 1e-9

@@ -26,7 +26,7 @@ def write(tmp_path, text, name="rod.yaml"):
 
 
 def designs(run, *arguments):
-    done = run("design", *map(str, arguments), "--json")
+    done = run("design", *map(str, arguments), "--out", "-")
     assert done.status == 0, done.err
     return done.json["designs"]
 
@@ -39,7 +39,7 @@ def refused(run, *arguments):
 
 
 def test_a_rod_is_as_thick_as_the_quantile_of_its_load(run, tmp_path):
-    found = designs(run, write(tmp_path, ROD), "--cov", 0.01)[0]
+    found = designs(run, write(tmp_path, ROD), "--setting", "cov=0.01")[0]
     exact = (5 + 2.3263) / 3
     assert found["best"]["variables"]["area"] == pytest.approx(exact, rel=0.003)
     assert found["best"]["mean"] == pytest.approx(2 * exact, rel=0.003)
@@ -51,7 +51,7 @@ def test_a_rod_is_as_thick_as_the_quantile_of_its_load(run, tmp_path):
 
 def test_a_damper_is_chosen_and_built_into_the_model(run, tmp_path):
     out = tmp_path / "built.yaml"
-    best = designs(run, EXAMPLES / "damper.yaml", "--out-model", out)[0]["best"]
+    best = designs(run, EXAMPLES / "damper.yaml", "--out", out)[0]["best"]
     before, after = read_model(EXAMPLES / "frame.yaml"), read_model(out)
     assert len(after.elements) == len(before.elements) + 1
     damper = after.elements[-1]
@@ -94,6 +94,6 @@ def test_a_file_that_cannot_be_used_says_where_and_why(run, tmp_path, old, new, 
 def test_models_may_be_written_of_one_design_only(run, tmp_path):
     said = refused(
         run, EXAMPLES / "damper.yaml", "--alpha", 1, "--alpha", 0,
-        "--out-model", tmp_path / "x.yaml",
+        "--out", tmp_path / "x.yaml",
     )  # fmt: skip
     assert "Give one --alpha" in said

@@ -139,6 +139,6 @@ def test_a_shape_of_a_surface_that_there_is_not_is_refused_before_the_search(
     tmp_path, model, shape, told
 ):
     save(tmp_path / "learn.npz", rate_hz=RATE_HZ, **arrays_of(SLIDE, 1))
-    done = diagnosed(tmp_path, model, "learn.npz", "--surface", shape)
+    done = diagnosed(tmp_path, model, "learn.npz", "--setting", f"surface={shape}")
     assert done.returncode == 2
     assert told in " ".join(done.stderr.replace("│", " ").split())

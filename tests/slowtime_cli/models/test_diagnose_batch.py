@@ -80,6 +80,6 @@ def test_options_are_those_of_each_diagnosis(run, rigs, tmp_path):
     rows = "".join(f"{n / 50},0.0,0.0\n" for n in range(200))
     (rigs / "one" / "record.csv").write_text("1,2\n3,4\nt,elsewhere,x\n" + rows)
     words = ("--batch", rigs, "--out", tmp_path / "out", "--quick", "--channel")
-    run("diagnose", *words, "force=absent", "--skip-lines", 2)
+    run("diagnose", *words, "force=absent", "--reading", "skip_lines=2")
     (row,) = csv.DictReader((tmp_path / "out" / "summary.csv").read_text().splitlines())
     assert "absent" in row["sentence"]

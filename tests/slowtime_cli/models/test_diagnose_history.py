@@ -11,7 +11,7 @@ import pytest
     [
         ((), "Give a MODEL and at least one RECORD of it, --history"),
         (("--history", "none.sqlite"), "There is no file none.sqlite"),
-        (("--history", "h.csv", "--twin", "a.b"), "holds one history: leave --twin out"),
+        (("--history", "h.csv", "--asset", "a.b"), "holds one history: leave --asset out"),
         (("h.csv", "--history", "h.csv"), "takes no MODEL and no RECORD"),
         (("--history", "h.csv"), "no column of the value"),
         (("--history", __file__), "file is not a database"),

@@ -15,7 +15,7 @@ from slowtime_services.bus import MemoryBus
 from slowtime_services.record import RecordingWriter
 from twin_server.persist import SqliteStore
 
-READ = ("--rate-hz", "50", "--columns", "a", "--unit", "m/s^2")
+READ = ("--rate-hz", "50", "--reading", "columns=a", "--unit", "m/s^2")
 MODEL = """\
 slowtime_model: 1
 nodes: [{id: m, mass_kg: 100}]
@@ -50,7 +50,16 @@ def one(tmp_path):
 
 def test_constant_amplitude_gives_cycles_over_life(run, stress):
     said = run(
-        "fatigue", stress, "--rate-hz", "100", "--sn", "3", "--sn-constant", "1e12", "--json"
+        "fatigue",
+        stress,
+        "--rate-hz",
+        "100",
+        "--setting",
+        "sn=3",
+        "--setting",
+        "sn_constant=1e12",
+        "--out",
+        "-",
     )
     assert said.status == 0, said.err
     found = json.loads(said.out)
@@ -63,6 +72,23 @@ def test_a_person_sees_a_table_and_what_it_assumes(run, stress):
     said = run("fatigue", stress, "--rate-hz", "100", "--detail-category", "71")
     assert said.status == 0
     assert "repeated for ever" in said.err
+    names, values = (line.split("\t") for line in said.out.splitlines())
+    found = dict(zip(names, values, strict=True))
+    assert float(found["damage_lo"]) < float(found["damage_median"]) < float(found["damage_hi"])
+    assert {"years_to_failure_50_%", "spectral_damage_per_year_dirlik"} <= found.keys()
+
+
+def test_a_terminal_is_shown_the_digits_that_the_scatter_leaves(run, stress, monkeypatch):
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
+    shown = []
+    monkeypatch.setattr(
+        "slowtime_cli.models.fatigue.show",
+        lambda _title, _heads, rows, plain: shown.extend(rows),
+    )
+    assert run("fatigue", stress, "--rate-hz", "100", "--detail-category", "71").status == 0
+    cells = {row[0]: row[1] for row in shown}
+    digits = [char for char in cells["Miner's sum, median"].partition("e")[0] if char.isdigit()]
+    assert len("".join(digits).lstrip("0")) <= 3
 
 
 def test_intervals_of_the_force_in_a_spring_hold_what_was_simulated(run, one, tmp_path):
@@ -86,9 +112,9 @@ def test_intervals_of_the_force_in_a_spring_hold_what_was_simulated(run, one, tm
 @pytest.mark.parametrize(
     ("flags", "says"),
     [
-        (("--sn", "3"), "either a detail category, or constant and slope"),
+        (("--setting", "sn=3"), "either a detail category, or constant and slope"),
         (("--detail-category", "71", "--quantity", "force"), "belong together"),
-        (("--detail-category", "71", "--channel", "x"), "x"),
+        (("--detail-category", "71", "--channels", "x"), "x"),
     ],
 )
 def test_fatigue_that_cannot_be_says_why(run, stress, flags, says):

@@ -88,7 +88,7 @@ def modes_file(path, model, change, *, sd=1e-4, channels=None):
 def test_groups_are_updated_from_a_modes_file(run, portal, tmp_path):
     model = read_matrix_model(portal)
     modes = modes_file(tmp_path / "modes.json", model, CHANGE)
-    body = json.loads(run("update", portal, modes, "--json").out)
+    body = json.loads(run("model", "update", portal, modes, "--out", "-").out)
     assert body["shapes"]["sd_factor"] == 1.0
     assert body["shapes"]["chi_square"] < body["shapes"]["numbers"]
     found = np.array([one["change"] for one in body["parameters"]])
@@ -101,7 +101,7 @@ def test_groups_are_updated_from_a_modes_file(run, portal, tmp_path):
         before = abs(one["as_given_hz"] - one["measured_hz"])
         assert before > 10 * abs(one["updated_hz"] - one["measured_hz"])
     assert body["p_value"] > 0.5
-    printed = run("update", portal, modes).out
+    printed = run("model", "update", portal, modes).out
     assert "columns" in printed
 
 
@@ -109,7 +109,7 @@ def test_what_frequencies_alone_do_not_determine_is_listed(run, portal, tmp_path
     model = read_matrix_model(portal)
     names = [f"other {k}" for k in range(4)]
     modes = modes_file(tmp_path / "modes.json", model, CHANGE, sd=0.2, channels=names)
-    body = json.loads(run("update", portal, modes, "--json").out)
+    body = json.loads(run("model", "update", portal, modes, "--out", "-").out)
     assert body["not_determined"]
     assert all(one["ratio"] > 0.3 for one in body["parameters"])
 
@@ -120,7 +120,7 @@ def test_a_model_that_cannot_explain_the_modes_says_so(run, portal, tmp_path):
     values = json.loads(modes.read_text())
     values["modes"][2]["frequency_hz"]["value"] *= 1.04
     modes.write_text(json.dumps(values))
-    done = run("update", portal, modes, "--frequency-error", 0)
+    done = run("model", "update", portal, modes, "--frequency-error", 0)
     assert "does not explain the modes" in done.err
 
 
@@ -135,13 +135,13 @@ def test_other_files_are_refused(refused, portal, tmp_path, change, words):
     model = read_matrix_model(portal)
     modes = modes_file(tmp_path / "modes.json", model, CHANGE)
     modes.write_text(json.dumps(json.loads(modes.read_text()) | change))
-    assert words in refused("update", portal, modes)
+    assert words in refused("model", "update", portal, modes)
 
 
 @pytest.mark.parametrize("ending", ["json", "yaml"])
 def test_a_reduced_model_file_is_simulated_as_its_original_is(run, portal, tmp_path, ending):
     small = tmp_path / f"small.{ending}"
-    run("reduce", portal, "--modes", 12, "--coordinates", 60, "--out", small)
+    run("model", "reduce", portal, "--modes", 12, "--setting", "coordinates=60", "--out", small)
     rng = np.random.default_rng(3)
     np.savez(tmp_path / "in.npz", f=rng.standard_normal(500), rate_hz=200.0)
     found = []

@@ -47,7 +47,7 @@ def _whole(matrix):
 
 def test_a_tower_is_reduced_and_its_error_stated(run, model, tmp_path):
     out = tmp_path / "r.npz"
-    done = run("reduce", model, "--modes", 6, "--json", "--out", out)
+    done = run("model", "reduce", model, "--modes", 6, "--out", "-", "--out", out)
     body = json.loads(done.out)
     np.testing.assert_allclose(
         body["frequency_hz"], nominal_modes(MODEL, 6).frequency_hz, rtol=1e-7
@@ -59,28 +59,48 @@ def test_a_tower_is_reduced_and_its_error_stated(run, model, tmp_path):
 
 def test_the_band_of_the_sensors_sets_the_number_of_modes(run, model):
     frequency = nominal_modes(MODEL, 8).frequency_hz
-    done = run("reduce", model, "--band-hz", frequency[4] * 1.001 / 1.5, "--trials", 0)
+    done = run(
+        "model",
+        "reduce",
+        model,
+        "--band-hz",
+        frequency[4] * 1.001 / 1.5,
+        "--setting",
+        "trials=0",
+    )
     assert len(done.out.splitlines()) == 1 + int(np.sum(frequency < frequency[4] * 1.001))
 
 
 def test_places_beat_evenly_spread_ones_and_keep_what_is_there(run, model):
     found = json.loads(
         run(
-            "place", model, "--sensors", 4, "--modes", 5, "--criterion", "variance", "--json"
+            "model",
+            "place",
+            model,
+            "--sensors",
+            4,
+            "--modes",
+            5,
+            "--setting",
+            "criterion=variance",
+            "--out",
+            "-",
         ).out
     )
     assert len(found["sensors"]) == 4
     own = np.mean([one["posterior_sd"] for one in found["parameters"]])
     even = np.mean([one["evenly_spread_sd"] for one in found["parameters"]])
     assert own < even < 0.2
-    kept = json.loads(run("place", model, "--sensors", 3, "--modes", 5, "--keep", "--json").out)
+    kept = json.loads(
+        run("model", "place", model, "--sensors", 3, "--modes", 5, "--keep", "--out", "-").out
+    )
     assert kept["sensors"][0] == {"site": "top", "directions": ""}
 
 
 def test_sites_together_have_a_sensor_in_every_direction(run, model):
     found = json.loads(
         run(
-            "place", model, "--sensors", 2, "--modes", 5, "--json",
+            "model", "place", model, "--sensors", 2, "--modes", 5, "--out", "-",
             "--together", "--direction", "ux", "--direction", "uy",
         ).out
     )  # fmt: skip

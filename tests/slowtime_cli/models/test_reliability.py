@@ -25,7 +25,7 @@ def write(tmp_path, text, name="beam.yaml"):
 
 
 def results(run, *arguments):
-    done = run("reliability", *map(str, arguments), "--json")
+    done = run("reliability", *map(str, arguments), "--out", "-")
     assert done.status == 0, done.err
     return {one["method"]: one for one in json.loads(done.out)["results"]}
 
@@ -50,13 +50,15 @@ def test_methods_stand_side_by_side_with_design_points(run, tmp_path):
 
 def test_json_holds_what_each_method_found_and_the_seed_decides(run, tmp_path):
     path = write(tmp_path, BEAM + "limit_state: r - s\n")
-    found = results(run, path, "--method", "form", "--method", "importance", "--seed", 4)
+    found = results(
+        run, path, "--method", "form", "--method", "importance", "--setting", "seed=4"
+    )
     assert found["form"]["beta"] == pytest.approx(10.0 / 3.0)
     assert found["form"]["interval"] is None
     assert found["form"]["design_points"][0]["x"]["r"] == pytest.approx(6.8, abs=1e-3)
     lo, hi = found["importance"]["interval"]
     assert lo < 4.29e-4 < hi
-    again = results(run, path, "--method", "importance", "--seed", 4)
+    again = results(run, path, "--method", "importance", "--setting", "seed=4")
     assert again["importance"] == found["importance"]
 
 
@@ -139,5 +141,5 @@ def test_nan_is_refused_unless_told_to_count_as_failed(run, refused, tmp_path):
     path = write(tmp_path, text)
     assert "returned NaN at" in refused("reliability", str(path), "--method", "monte-carlo")
     told = write(tmp_path, text + "invalid: fails\n", "told.yaml")
-    found = results(run, told, "--method", "monte-carlo", "--cov", "0.2")
+    found = results(run, told, "--method", "monte-carlo", "--setting", "cov=0.2")
     assert 0.1 < found["monte-carlo"]["probability"] < 0.5

@@ -25,8 +25,20 @@ def scene_in(path):
 
 
 def test_the_report_of_a_reduction_holds_its_modes(run, tmp_path):
-    frequencies = json.loads(run("reduce", TOWER, "--modes", 6, "--trials", 0, "--json").out)
-    run("reduce", TOWER, "--modes", 6, "--trials", 0, "--report", "shapes.html")
+    frequencies = json.loads(
+        run("model", "reduce", TOWER, "--modes", 6, "--setting", "trials=0", "--out", "-").out
+    )
+    run(
+        "model",
+        "reduce",
+        TOWER,
+        "--modes",
+        6,
+        "--setting",
+        "trials=0",
+        "--report",
+        "shapes.html",
+    )
     scene = scene_in(tmp_path / "shapes.html")
     assert [mode["model_hz"] for mode in scene["modes"]] == frequencies["frequency_hz"]
     assert len(scene["nodes"]) == 28
@@ -41,7 +53,7 @@ def test_the_report_of_an_update_holds_measured_modes_over_those_of_the_updated_
 ):
     model = read_matrix_model(portal)
     modes = modes_file(tmp_path / "modes.json", model, CHANGE)
-    run("update", portal, modes, "--report", "updated.html")
+    run("model", "update", portal, modes, "--report", "updated.html")
     scene = scene_in(tmp_path / "updated.html")
     # The feet have no rows in these matrices, so that no line of a column is drawn.
     assert (scene["names"], scene["groups"]) == (["2", "3", "4"], ["girder"])
@@ -54,7 +66,17 @@ def test_the_report_of_an_update_holds_measured_modes_over_those_of_the_updated_
 
 
 def test_identified_modes_are_drawn_over_those_of_a_model_in_space(run, tmp_path):
-    run("reduce", TOWER, "--band-hz", 12, "--trials", 0, "--out", "small.json")
+    run(
+        "model",
+        "reduce",
+        TOWER,
+        "--band-hz",
+        12,
+        "--setting",
+        "trials=0",
+        "--out",
+        "small.json",
+    )
     flags = ["--duration", 120, "--rate-hz", 40, "--seed", 3, "--noise"]
     run("simulate", "--model", "small.json", *flags, "--out", "record.npz")
     run("identify", "record.npz", "--method", "modes", "--model", "small.json", "--report",

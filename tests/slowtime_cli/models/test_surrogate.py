@@ -26,7 +26,7 @@ def test_points_are_predicted_and_those_beyond_the_runs_are_told(run, runs):
     points = runs.parent / "points.csv"
     done = run(
         "surrogate", str(runs), "--output", "y", "--kind", "chaos", "--kind", "matern",
-        "--at", str(points), "--json",
+        "--at", str(points), "--out", "-",
     )  # fmt: skip
     assert done.status == 0, done.err
     found = done.json

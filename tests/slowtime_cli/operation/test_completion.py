@@ -32,7 +32,10 @@ def test_bash_accepts_the_script(run):
 @pytest.mark.parametrize(
     ("words", "place", "told"),
     [
-        ("slowtime di", 1, {"diagnose", "distortion"}),
+        ("slowtime de", 1, {"demo", "design"}),
+        ("slowtime twin f", 2, {"forecast"}),
+        ("slowtime twin --ho", 2, {"--host"}),
+        ("slowtime whatif --lo", 2, {"--load"}),
         ("slowtime edge --sim", 2, {"--simulate"}),
         ("slowtime simulate --structure t", 3, {"tank", "tower"}),
     ],

@@ -9,7 +9,7 @@ import pytest
     [
         (
             (),
-            "An edge agent needs an input. Give --source, --simulate, --file, --recording, or",
+            "An edge agent needs an input. Give --source, --simulate, --file, or",
         ),
         (
             ("--simulate", "tower", "--file", __file__),
@@ -21,7 +21,7 @@ import pytest
         ),
         (
             ("--simulate", "tower", "--unit", "mg"),
-            "--unit and --sensitivity go with --file, --recording or --source.",
+            "--unit and the sensitivity of --reading go with --file or --source.",
         ),
         (("--simulate", "cathedral"), "not one of 'bridge', 'frame', 'tank', 'tower', 'wing'"),
         (
@@ -47,9 +47,12 @@ def test_units_that_are_given_reach_the_input(run, monkeypatch, record, kind):
     taken = []
     monkeypatch.setattr("edge_agent.__main__.run", lambda settings: taken.append(settings))
     where = "stdin:?layout=csv&channels=acc_x&rate_hz=200" if kind == "source" else record
-    flags = ("--unit", "mg", "--unit", "acc_x=mV", "--sensitivity", "acc_x=100mV/g")
-    run("edge", f"--{kind}", where, *flags)
+    if kind == "recording":
+        where = record.rename(record.with_suffix(".mcap"))
+    flags = ("--unit", "mg", "--unit", "acc_x=mV", "--reading", "sensitivity=acc_x=100mV/g")
+    run("edge", "--source" if kind == "source" else "--file", where, *flags)
     (settings,) = taken
+    assert settings.input.kind == ("live" if kind == "source" else kind)
     assert settings.input.units == ("mg", "acc_x=mV")
     assert settings.input.sensitivities == ("acc_x=100mV/g",)
 
@@ -93,20 +96,26 @@ def test_a_router_that_cannot_listen_says_why(refused):
 
 
 def test_status_is_1_where_nobody_answers_and_2_where_the_question_is_wrong(run, refused):
-    done = run("status", "--connect", "tcp/127.0.0.1:1", "--timeout-s", "0.2")
+    done = run("router", "status", "--connect", "tcp/127.0.0.1:1", "--timeout-s", "0.2")
     assert (done.status, done.out) == (1, "")
     assert "No router answers at tcp/127.0.0.1:1. Start one with `slowtime router`" in done.err
     assert "'tower' is not a valid name. Allowed: SITE.ASSET" in refused(
-        "status", "--asset", "tower"
+        "router", "status", "--asset", "tower"
     )
 
 
 @pytest.mark.system
 def test_ctrl_c_ends_edge_and_router_cleanly_and_status_sees_them(run, start, router):
-    edge = start("edge", "--simulate", "tank", "--connect", router, "--epochs-per-s", "2")
-    done = run("status", "--connect", router, "--asset", "demo.tank", "--timeout-s", "20")
+    edge = start(
+        "edge", "--simulate", "tank", "--connect", router, "--setting", "epochs_per_s=2"
+    )
+    done = run(
+        "router", "status", "--connect", router, "--asset", "demo.tank", "--timeout-s", "20"
+    )
     assert (done.status, done.out) == (0, "demo.tank is alive\n")
-    absent = run("status", "--connect", router, "--asset", "demo.wing", "--timeout-s", "0.2")
+    absent = run(
+        "router", "status", "--connect", router, "--asset", "demo.wing", "--timeout-s", "0.2"
+    )
     assert (absent.status, absent.out) == (1, "demo.wing is not alive; the router answers.\n")
     edge.send_signal(signal.SIGINT)
     out, err = edge.communicate(timeout=300)

@@ -44,7 +44,7 @@ def test_a_recording_of_samples_alone_is_read_by_an_edge_agent_on_the_way(run, t
     assert re.fullmatch(r"demo.tank  sha256:[0-9a-f]{64}  of 2 features\n", done.out)
     assert "raw.mcap holds samples but no features; an edge agent with default" in done.err
     assert run("replay", "raw.mcap", "--into", "b.sqlite").out == done.out
-    said = run("layout", "raw.mcap", "--out", "layout.json")
+    said = run("mcap", "layout", "raw.mcap", "--out", "layout.json")
     assert said.status == 2
     assert "slowtime edge --recording" in said.err
 
@@ -102,12 +102,12 @@ def test_an_edge_that_tells_more_than_it_did_still_tells_the_same(run, tmp_path,
 
 def test_a_recording_of_features_evolves_by_asset(run, refused, recorded):
     path = recorded(assets=("beam", "fan"))
-    assert "holds lab.beam, lab.fan. Name one with --asset." in refused("evolve", path)
+    assert "holds lab.beam, lab.fan. Name one with --asset." in refused("twin", "evolve", path)
     assert "has no lab.gong, but: lab.beam, lab.fan" in refused(
-        "evolve", path, "--asset", "lab.gong"
+        "twin", "evolve", path, "--asset", "lab.gong"
     )
     flags = ("--asset", "lab.fan", "--nominal-hz", 3, "--out", "-")
-    found = run("evolve", path, *flags).json["points"]
+    found = run("twin", "evolve", path, *flags).json["points"]
     assert {state["id"] for state in found} == {"lab.fan"}
     assert len(found) == 40
 
@@ -121,14 +121,17 @@ def test_what_cannot_be_replayed_is_refused_before_a_router_is_waited_for(
     for arguments, says in [
         (("missing.mcap",), "File 'missing.mcap' does not exist"),
         ((record, *NOBODY), "is not a recording: it begins with"),
-        (("cut.mcap", *NOBODY), "Run `slowtime recover"),
-        (("cut.mcap", "--into", "a.sqlite"), "Run `slowtime recover"),
+        (("cut.mcap", *NOBODY), "Run `slowtime mcap recover"),
+        (("cut.mcap", "--into", "a.sqlite"), "Run `slowtime mcap recover"),
         (("raw.mcap", "--edge"), "does not hold the settings of the edge agent of demo.tank"),
-        ((path, "--edge"), "holds no raw blocks. Run the edge with --raw while recording."),
+        (
+            (path, "--edge"),
+            "holds no raw blocks. Run the edge with --setting raw=yes while recording.",
+        ),
         ((path, "--into", path), "exists. Give a new file, so that the history is fresh."),
         ((path, "--into", "nowhere/a.sqlite"), "There is no folder nowhere"),
         ((path, "--edge", "--into", "a.sqlite"), "--edge and --into exclude each other."),
-        ((path, "--speed", "0"), "0.0 is not in the range x>0"),
+        ((path, "--speed", "-1"), "is not in the range x>=0"),
         ((path, "--speed", "nan"), "nan is not a finite number"),
         (
             (path, "--connect", "nonsense"),

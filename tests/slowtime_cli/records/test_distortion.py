@@ -27,7 +27,17 @@ def records(tmp_path):
 
 def test_an_odd_nonlinearity_is_told_in_words_and_in_json(run, tmp_path, records):
     done = run(
-        "distortion", *records, "--input", "u", "--output", "y", "--json", "--plot", "p.html"
+        "modes",
+        "distortion",
+        *records,
+        "--input",
+        "u",
+        "--output",
+        "y",
+        "--out",
+        "-",
+        "--report",
+        "p.html",
     )
     assert done.status == 0, done.err
     assert "repeats after 512 samples" in done.err
@@ -42,7 +52,7 @@ def test_an_odd_nonlinearity_is_told_in_words_and_in_json(run, tmp_path, records
 def test_a_decay_is_told_by_its_law(run, tmp_path):
     t = np.arange(3000) / 100.0
     np.savez(tmp_path / "d.npz", t=t, x=np.exp(-0.1 * t) * np.cos(8.0 * t))
-    done = run("distortion", "d.npz", "--decay", "--output", "x", "--out", "d.json")
+    done = run("modes", "distortion", "d.npz", "--decay", "--output", "x", "--out", "d.json")
     assert done.status == 0, done.err
     (decay,) = json.loads((tmp_path / "d.json").read_text())["decays"]
     assert decay["terms"] == "viscous"
@@ -60,6 +70,6 @@ def test_a_decay_is_told_by_its_law(run, tmp_path):
     ],
 )
 def test_what_cannot_be_done_is_said(run, records, more, words):
-    done = run("distortion", *records, "--output", "y", *more)
+    done = run("modes", "distortion", *records, "--output", "y", *more)
     assert done.status == 2
     assert words in " ".join(done.err.split())

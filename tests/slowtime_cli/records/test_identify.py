@@ -226,7 +226,14 @@ def test_a_recording_of_a_polled_sensor_is_thinned_as_other_files_are(run, tmp_p
     rows = np.repeat(np.arange(600), np.resize([2, 1], 600))
     table = np.column_stack([np.arange(len(rows)) / 150.0, values[rows]])
     np.savetxt(tmp_path / "poll.csv", table, delimiter=",", header="time_s,ax,ay", comments="")
-    told = ("--repeated", "keep", "--start", "2024-01-01T00:00:00Z", "--out", "poll.mcap")
+    told = (
+        "--reading",
+        "repeated=keep",
+        "--start",
+        "2024-01-01T00:00:00Z",
+        "--out",
+        "poll.mcap",
+    )
     assert run("import", "poll.csv", *told).status == 0
     done = run("identify", "poll.mcap")
     assert "600 rows at " in done.err

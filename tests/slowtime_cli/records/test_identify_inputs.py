@@ -69,10 +69,28 @@ def test_a_hammer_test_gives_modes_masses_and_files(run, record):
 def test_frequency_responses_are_read_by_pyuff_as_they_were(run, record):
     pyuff = pytest.importorskip("pyuff")
     done = run(
-        "identify", record, *FLAGS, "--frf", "h.uff", "--out", "modes.uff", "--decay-s", 2
+        "identify",
+        record,
+        *FLAGS,
+        "--frf",
+        "h.uff",
+        "--out",
+        "modes.uff",
+        "--setting",
+        "decay_s=2",
     )
     assert done.status == 0
-    run("identify", record, *FLAGS, "--frf", "h.json", "--out", "x.json", "--decay-s", 2)
+    run(
+        "identify",
+        record,
+        *FLAGS,
+        "--frf",
+        "h.json",
+        "--out",
+        "x.json",
+        "--setting",
+        "decay_s=2",
+    )
     with open("h.json") as file:
         body = json.load(file)
     sets = pyuff.UFF("h.uff").read_sets()
@@ -128,7 +146,10 @@ def test_an_earthquake_is_told_by_the_unit_of_its_input(run, tmp_path):
         (("--input", "force,a1,a2,a3"), "leave at least one channel as a response"),
         (("--input", "nothing"), "nothing"),
         ((*FLAGS, "--driving-point", "b=force"), "give RESPONSE=INPUT"),
-        (("--input", "force,a1", "--excitation", "hammer"), "has one input, and 2 were given"),
+        (
+            ("--input", "force,a1", "--setting", "excitation=hammer"),
+            "has one input, and 2 were given",
+        ),
     ],
 )
 def test_what_cannot_be_done_is_said(run, record, flags, says):
@@ -153,7 +174,7 @@ def test_responses_that_were_written_give_the_same_modes(run, record, name):
 
 def test_options_of_records_are_refused_for_frequency_responses(run, record):
     run("identify", record, *FLAGS, "--frf", "h.uff", "--out", "a.json")
-    done = run("identify", "h.uff", "--frf-kind", "acceleration", "--window-s", 3)
+    done = run("identify", "h.uff", "--setting", "frf_kind=acceleration", "--window-s", 3)
     assert done.status == 2
     assert "--window-s goes with records in time" in done.err
 
@@ -173,7 +194,9 @@ def test_a_record_that_begins_with_its_blow_is_used(run, tmp_path, lead_s):
         head = "t_s,force [N],a1 [m/s^2],a2 [m/s^2],a3 [m/s^2]"
         path = tmp_path / "one.csv"
         np.savetxt(path, table, delimiter=",", fmt="%.6f", comments="", header=head)
-        done = run("identify", path, *FLAGS, "--excitation", "hammer", "--out", "one.json")
+        done = run(
+            "identify", path, *FLAGS, "--setting", "excitation=hammer", "--out", "one.json"
+        )
         assert done.status == 0, done.err
         with open("one.json") as file:
             found.append(json.load(file)["modes"])

@@ -24,8 +24,10 @@ def test_roving_hammers_and_sensors_give_all_modes_with_whole_shapes(run, roving
         seen = responses[:, 4 if roving == "hammer" else place]
         names = (f"f{place}", "a4") if roving == "hammer" else ("f4", f"a{place}")
         np.savez(f"{place}.npz", rate_hz=RATE, **dict(zip(names, (force, seen), strict=True)))
-        flags = ("--input", names[0], "--excitation", "hammer", "--band-hz", *BAND)
-        done = run("identify", f"{place}.npz", *flags, "--block-s", 5.5, "--frf", "h.uff")
+        flags = ("--input", names[0], "--setting", "excitation=hammer", "--band-hz", *BAND)
+        done = run(
+            "identify", f"{place}.npz", *flags, "--setting", "block_s=5.5", "--frf", "h.uff"
+        )
         assert done.status == 0, done.err
         content += Path("h.uff").read_bytes()
     Path("all.uff").write_bytes(content)

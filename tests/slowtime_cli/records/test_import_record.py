@@ -41,7 +41,8 @@ def test_what_is_imported_is_identified_as_the_file_itself(
 
 def test_the_flags_are_those_of_identify(run, text, lines):
     path = text(["by hand", *(line.replace(",", ";") for line in lines[1:])], "Trial 1.txt")
-    flags = ("--skip-lines", 1, "--columns", "when,north,east", "--time-column", "when",
+    flags = ("--reading", "skip_lines=1", "--reading", "columns=when,north,east",
+             "--reading", "time_column=when",
              "--channels", "east,north", "--rate-hz", 100)  # fmt: skip
     done = run("import", path, *flags, "--out", "trial.mcap")
     assert "samples of east, north at 100 Hz, 60.000 s, as import.trial-1" in done.out
@@ -56,7 +57,7 @@ def test_the_same_file_gives_the_same_bytes(run, record, tmp_path):
 
 def test_a_recording_says_when_it_began_and_whose_it_is(run, record):
     done = run("import", record, "--out", "a.mcap", "--site", "lab", "--asset", "beam",
-               "--start", "2022-07-19T22:55:00Z", "--block-s", "0.5")  # fmt: skip
+               "--start", "2022-07-19T22:55:00Z", "--setting", "block_s=0.5")  # fmt: skip
     assert (done.status, done.err) == (0, SECONDS)
     blocks = list(raw_blocks("a.mcap"))
     header, block = blocks[0]
@@ -93,8 +94,8 @@ def test_a_gap_stays_a_gap(run, text, lines):
         ),
         (("--out", "a.mcap", "--start", "yesterday"), "Give one as 2022-07-19T22:55:00Z."),
         (("--out", "a.mcap", "--start", "1900-01-01"), "not between the years 1970 and 2262"),
-        (("--out", "a.mcap", "--block-s", "0"), "0.0 is not in the range x>0"),
-        (("--out", "a.mcap", "--block-s", "nan"), "nan is not a finite number"),
+        (("--out", "a.mcap", "--setting", "block_s=0"), "0.0 is not in the range x>0"),
+        (("--out", "a.mcap", "--setting", "block_s=nan"), "nan is not a finite number"),
     ],
 )
 def test_what_cannot_be_written_is_refused_and_leaves_nothing(

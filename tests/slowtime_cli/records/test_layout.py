@@ -4,7 +4,7 @@ import json
 
 
 def test_a_recording_gets_its_layout(run, recorded):
-    done = run("layout", recorded(assets=("beam", "mast")), "--out", "layout.json")
+    done = run("mcap", "layout", recorded(assets=("beam", "mast")), "--out", "layout.json")
     assert done.status == 0, done.err
     with open("layout.json") as file:
         whole = json.load(file)
@@ -15,6 +15,6 @@ def test_a_recording_gets_its_layout(run, recorded):
 
 def test_what_has_nothing_to_plot_is_refused(refused, recorded, text):
     empty = recorded(count=0)
-    assert "nothing to plot" in refused("layout", empty, "--out", "layout.json")
+    assert "nothing to plot" in refused("mcap", "layout", empty, "--out", "layout.json")
     other = text(["a,b"], "no.mcap")
-    assert "no.mcap" in refused("layout", other, "--out", "layout.json")
+    assert "no.mcap" in refused("mcap", "layout", other, "--out", "layout.json")

@@ -51,7 +51,7 @@ def setups(tmp_path):
 
 def test_shapes_are_put_together_over_the_references(run, setups, tmp_path):
     out = tmp_path / "whole.json"
-    done = run("merge", *map(str, setups), "--out", str(out))
+    done = run("modes", "merge", *map(str, setups), "--out", str(out))
     assert done.status == 0, done.err
     whole = ModesFile.model_validate_json(out.read_text())
     assert whole.channels == ("top", "mid", "first", "second")
@@ -66,17 +66,18 @@ def test_shapes_are_put_together_over_the_references(run, setups, tmp_path):
 
 def test_a_universal_file_holds_the_merged_modes(run, setups, tmp_path):
     out = tmp_path / "whole.unv"
-    assert run("merge", *map(str, setups), "--out", str(out)).status == 0
+    assert run("modes", "merge", *map(str, setups), "--out", str(out)).status == 0
     assert out.read_text().startswith("    -1")
 
 
 def test_what_cannot_be_merged_says_why(run, setups, tmp_path):
     lonely = modes_file(tmp_path / "lonely.json", ["elsewhere"], [(2.0, [1.0])])
-    assert "Give at least two files" in run("merge", str(setups[0])).err
-    assert run("merge", str(setups[0]), str(lonely)).status != 0
+    assert "Give at least two files" in run("modes", "merge", str(setups[0])).err
+    assert run("modes", "merge", str(setups[0]), str(lonely)).status != 0
     (tmp_path / "no.json").write_text("{}")
     assert (
-        "not a valid modes file" in run("merge", str(setups[0]), str(tmp_path / "no.json")).err
+        "not a valid modes file"
+        in run("modes", "merge", str(setups[0]), str(tmp_path / "no.json")).err
     )
 
 
@@ -106,7 +107,7 @@ def records(folder, seed=1):
 @pytest.mark.long
 def test_records_are_merged_before_identification_where_the_wind_differs(run, tmp_path):
     paths, hz, shapes = records(tmp_path)
-    done = run("merge", *paths, "--before", "--band-hz", 1, 12, "--out", "whole.json")
+    done = run("modes", "merge", *paths, "--before", "--band-hz", 1, 12, "--out", "whole.json")
     assert done.status == 0, done.err
     whole = ModesFile.model_validate_json((tmp_path / "whole.json").read_text())
     assert whole.channels == ("s3", "s1", "s0", "s2")
@@ -120,8 +121,8 @@ def test_records_are_merged_before_identification_where_the_wind_differs(run, tm
 
 
 def test_flags_of_records_and_modes_files_are_not_mixed(refused, setups, tmp_path):
-    assert "--before needs --band-hz" in refused("merge", *setups, "--before")
-    assert "go with --before" in refused("merge", *setups, "--band-hz", 1, 2)
+    assert "--before needs --band-hz" in refused("modes", "merge", *setups, "--before")
+    assert "go with --before" in refused("modes", "merge", *setups, "--band-hz", 1, 2)
     paths, _, _ = records(tmp_path)
-    said = refused("merge", *paths, "--before", "--band-hz", 1, 30)
+    said = refused("modes", "merge", *paths, "--before", "--band-hz", 1, 30)
     assert "a band below half of it" in said

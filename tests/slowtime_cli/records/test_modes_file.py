@@ -117,7 +117,7 @@ def test_units_change_no_frequency_and_make_shapes_comparable(run, vibration, mo
     said = {}
     for name, more in (
         ("frame.csv", ()), ("mixed.csv", ()), ("volts.csv", ()),
-        ("volts.csv", ("--sensitivity", "acc_1=1V/g")),
+        ("volts.csv", ("--reading", "sensitivity=acc_1=1V/g")),
     ):  # fmt: skip
         done = run("identify", name, *more, *flags, "modes.json")
         assert done.status == 0, done.err
@@ -125,7 +125,7 @@ def test_units_change_no_frequency_and_make_shapes_comparable(run, vibration, mo
         told = ModesFile.model_validate_json(Path("modes.json").read_text())
         found[key], said[key] = told.modes or (), done.err
     plain = found["frame.csv"]
-    for key in ("mixed.csv", "volts.csv", "volts.csv--sensitivity"):
+    for key in ("mixed.csv", "volts.csv", "volts.csv--reading"):
         for mode, same in zip(plain, found[key], strict=True):
             assert mode.frequency_hz.value == pytest.approx(same.frequency_hz.value, rel=1e-6)
             if key == "volts.csv":

@@ -23,7 +23,7 @@ def runup(tmp_path):
 
 
 def test_amplitudes_follow_the_orders_through_the_run_up(run, runup, tmp_path):
-    done = run("orders", runup, "--tacho", "pulse", "--orders", "3,1,2", "--json")
+    done = run("modes", "orders", runup, "--tacho", "pulse", "--orders", "3,1,2", "--out", "-")
     assert done.status == 0, done.err
     rows = json.loads(done.out)["orders"]
     assert {row["channel"] for row in rows} == {"a"}
@@ -37,7 +37,9 @@ def test_amplitudes_follow_the_orders_through_the_run_up(run, runup, tmp_path):
             assert abs(row["amplitude"] - size) < max(5 * row["sd"], 0.02 * size)
     first = [row["phase_deg"] for row in rows if row["order"] == 1.0]
     assert np.ptp(np.unwrap(np.radians(first))) < 0.1
-    printed = run("orders", runup, "--tacho", "pulse", "--orders", "1", "--out", "all.csv")
+    printed = run(
+        "modes", "orders", runup, "--tacho", "pulse", "--orders", "1", "--out", "all.csv"
+    )
     assert printed.status == 0
     with (tmp_path / "all.csv").open() as file:
         assert len(list(csv.DictReader(file))) == len(first)
@@ -45,10 +47,12 @@ def test_amplitudes_follow_the_orders_through_the_run_up(run, runup, tmp_path):
 
 def test_orders_that_are_no_numbers_are_refused(refused, runup):
     for words in ("one", "1,,2", "-1", "0", ""):
-        said = refused("orders", runup, "--tacho", "pulse", "--orders", words)
+        said = refused("modes", "orders", runup, "--tacho", "pulse", "--orders", words)
         assert "Allowed: numbers above 0, separated by commas" in said
 
 
 def test_a_record_with_the_tacho_alone_is_refused(refused, runup):
-    said = refused("orders", runup, "--channels", "pulse", "--tacho", "pulse", "--orders", "1")
+    said = refused(
+        "modes", "orders", runup, "--channels", "pulse", "--tacho", "pulse", "--orders", "1"
+    )
     assert "has vibration channels too" in said

@@ -30,7 +30,18 @@ def files(tmp_path):
 
 def test_modal_masses_are_those_of_the_structure(run, files, tmp_path):
     bare, heavier = files
-    done = run("scale", bare, "--added", heavier, "a3=1.5", "--out", "scaled.json", "--json")
+    done = run(
+        "modes",
+        "scale",
+        bare,
+        "--added",
+        heavier,
+        "a3=1.5",
+        "--out",
+        "scaled.json",
+        "--out",
+        "-",
+    )
     assert done.status == 0, done.err
     body = json.loads(done.out)
     assert body == json.loads((tmp_path / "scaled.json").read_text())
@@ -46,7 +57,7 @@ def test_modal_masses_are_those_of_the_structure(run, files, tmp_path):
 
 def test_a_mode_that_the_masses_do_not_lower_is_noted_and_left_out(run, files):
     bare, _ = files
-    done = run("scale", bare, "--added", bare, "a3=1.5")
+    done = run("modes", "scale", bare, "--added", bare, "a3=1.5")
     assert done.status == 0
     assert done.err.count("is not scaled: The frequency fell by") == 3
 
@@ -54,7 +65,7 @@ def test_a_mode_that_the_masses_do_not_lower_is_noted_and_left_out(run, files):
 @pytest.mark.parametrize("words", ["a3", "a9=1", "a3=-2", "a3=much", "a3=nan"])
 def test_masses_that_are_none_are_refused_with_what_is_allowed(refused, files, words):
     bare, heavier = files
-    said = refused("scale", bare, "--added", heavier, words)
+    said = refused("modes", "scale", bare, "--added", heavier, words)
     assert "CHANNEL=KG with one of the channels a1, a2, a3" in said
 
 
@@ -62,5 +73,5 @@ def test_files_of_other_channels_are_refused(refused, files, tmp_path):
     bare, _ = files
     other = modes_file(tmp_path / "other.json", ["b1", "b2", "b3"], modes_of(MASS))
     assert "with the same sensors in the same order" in refused(
-        "scale", bare, "--added", other, "a3=1"
+        "modes", "scale", bare, "--added", other, "a3=1"
     )

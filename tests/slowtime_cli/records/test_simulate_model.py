@@ -74,7 +74,17 @@ def test_a_text_record_is_run_alike_and_its_unit_is_turned(run, tmp_path, model,
 
 
 def test_inputs_may_stay_between_samples(run, tmp_path, model, record):
-    run("simulate", "--model", model, "--input", record, "--hold", "zero", "--out", "out.npz")
+    run(
+        "simulate",
+        "--model",
+        model,
+        "--input",
+        record,
+        "--setting",
+        "hold=zero",
+        "--out",
+        "out.npz",
+    )
     structure = assemble(read_description(model))
     q, _, _ = simulate_structure(structure, np.column_stack([PUSH, 0 * PUSH]), 200.0)
     np.testing.assert_allclose(written(tmp_path)["x2"], 1e3 * q[:, 1], atol=1e-9)
@@ -102,7 +112,7 @@ def test_without_inputs_a_model_is_under_ambient_forces(run, tmp_path, text):
     assert a["a1"].shape == a["t"].shape == (2000,)
     assert np.std(a["a1"]) > 0
     np.testing.assert_array_equal(a["a1"], b["a1"])
-    run("simulate", "--model", model, *flags, "--force-psd", 4, "--out", "c.npz")
+    run("simulate", "--model", model, *flags, "--setting", "force_psd=4", "--out", "c.npz")
     np.testing.assert_allclose(written(tmp_path, "c.npz")["a1"], 2 * a["a1"])
 
 
@@ -186,7 +196,7 @@ def test_effects_run_those_of_ones_own_too(run, tmp_path, text, record):
         "own": "{effect: stiffer, element: j1, k: 200}",
     }
     own = text(OWN.splitlines(), "own.py")
-    flags = ("--input", record, "--hold", "band_limited", "--effects", own)
+    flags = ("--input", record, "--setting", "hold=band_limited", "--setting", f"effects={own}")
     for name, entry in entries.items():
         model = text(effected(entry), f"{name}.yaml")
         done = run("simulate", "--model", model, *flags, "--out", f"{name}.npz")
@@ -231,14 +241,23 @@ def test_a_model_without_inputs_decays_freely_from_its_start(run, tmp_path, text
     assert done.status == 0, done.err
     told = written(tmp_path, "a.npz")["x2"]
     assert told[0] == pytest.approx(10.0)
-    other = ("--initial", "m2=0.02", "--duration", "2", "--rate-hz", "200", "--out", "b.npz")
+    other = (
+        "--setting",
+        "initial=m2=0.02",
+        "--duration",
+        "2",
+        "--rate-hz",
+        "200",
+        "--out",
+        "b.npz",
+    )
     assert run("simulate", "--model", model, *other).status == 0
     np.testing.assert_allclose(written(tmp_path, "b.npz")["x2"], 2 * told, atol=1e-9)
 
 
 def test_a_velocity_is_a_start_too(run, tmp_path, model, record):
     done = run(
-        "simulate", "--model", model, "--input", record, "--initial", "m1=0,0.5",
+        "simulate", "--model", model, "--input", record, "--setting", "initial=m1=0,0.5",
         "--out", "a.npz",
     )  # fmt: skip
     assert done.status == 0, done.err
@@ -259,7 +278,15 @@ def test_a_velocity_is_a_start_too(run, tmp_path, model, record):
 )
 def test_a_start_that_is_none_says_how_to_write_it(run, model, record, start, words):
     done = run(
-        "simulate", "--model", model, "--input", record, "--initial", start, "--out", "a.npz"
+        "simulate",
+        "--model",
+        model,
+        "--input",
+        record,
+        "--setting",
+        f"initial={start}",
+        "--out",
+        "a.npz",
     )
     assert done.status == 2
     assert words in " ".join(done.err.split())

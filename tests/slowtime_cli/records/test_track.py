@@ -43,7 +43,7 @@ def rig(tmp_path_factory):
 
 
 def told(run, *arguments):
-    done = run("track", *map(str, arguments), "--json")
+    done = run("modes", "track", *map(str, arguments), "--out", "-")
     assert done.status == 0, done.err
     return done.json
 
@@ -74,11 +74,11 @@ def test_only_what_is_named_is_free_and_a_table_is_written(run, rig, tmp_path):
         (("--free", "k.colour"), "Allowed: k.stiffness, k.damping, m.mass, effect0"),
         (("--at", "1,2,3"), "3 slow times for 1 records"),
         (("--at", "now"), "no numbers"),
-        (("--forecast-to", "9"), "A forecast takes 5"),
+        (("--setting", "forecast_to=9"), "A forecast takes 5"),
     ],
 )
 def test_what_cannot_be_tracked_is_named(run, rig, more, text):
     model, records = rig
-    done = run("track", str(model), str(records[0]), *more)
+    done = run("modes", "track", str(model), str(records[0]), *more)
     assert done.status != 0
     assert text in done.err

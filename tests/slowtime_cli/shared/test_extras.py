@@ -61,9 +61,7 @@ def test_every_verb_but_those_of_the_edge_names_an_extra(name):
         (["twin", "--port", "0"], "fastapi", "twin"),
         (["demo", "--duration", "1"], "uvicorn", "twin"),
         pytest.param(["record", "--out", "a.mcap"], "mcap", "analysis", marks=pytest.mark.long),
-        pytest.param(
-            ["edge", "--recording", __file__], "mcap", "analysis", marks=pytest.mark.long
-        ),
+        pytest.param(["edge", "--file", __file__], "mcap", "analysis", marks=pytest.mark.long),
     ],
 )
 def test_a_verb_without_its_libraries_names_the_extra(arguments, library, extra, tmp_path):

@@ -73,12 +73,13 @@ def test_numpy_and_matlab_files_say_the_same_as_text(read, record, samples, cloc
 
 def test_flags_say_what_the_file_does_not(read, text, lines):
     rows = ["logged by hand", "on a Sunday", *lines[1:]]
-    found, _ = read(text(rows), "--skip-lines", 2, "--columns", "when,north,east",
-                    "--time-column", "when", "--channels", "east")  # fmt: skip
+    found, _ = read(text(rows), "--reading", "skip_lines=2",
+                    "--reading", "columns=when,north,east", "--reading", "time_column=when",
+                    "--channels", "east")  # fmt: skip
     assert (found["rate_hz"], found["channels"]) == (100.0, ["east"])
     found, _ = read("record.csv", "--channels", "2,1")
     assert found["channels"] == ["channel_2", "channel_1"]
-    found, _ = read("record.csv", "--time-column", "none", *RATE)
+    found, _ = read("record.csv", "--reading", "time_column=none", *RATE)
     assert found["channels"] == ["channel_0", "channel_1", "channel_2"]
 
 
@@ -93,14 +94,14 @@ def test_a_given_rate_is_used_and_the_contradiction_told(read, record, run):
 
 def test_flags_for_text_that_say_nothing_of_a_recording_are_told_so(read, record, run, refused):
     assert run("import", record, "--out", "record.mcap").status == 0
-    found, said = read("record.mcap", "--skip-lines", 3, "--time-column", "t")
+    found, said = read("record.mcap", "--reading", "skip_lines=3", "--reading", "time_column=t")
     assert found["channels"] == ["acc_x", "acc_y"]
-    assert "--skip-lines was not used" in said
-    assert "--time-column was not used" in said
-    found, _ = read("record.mcap", "--columns", "north,east", "--channels", "east")
+    assert "--reading skip_lines was not used" in said
+    assert "--reading time_column was not used" in said
+    found, _ = read("record.mcap", "--reading", "columns=north,east", "--channels", "east")
     assert found["channels"] == ["east"]
     assert "has 2 channels, acc_x, acc_y" in refused(
-        "identify", "record.mcap", "--columns", "a"
+        "identify", "record.mcap", "--reading", "columns=a"
     )
     assert "names one twice" in refused("identify", "record.mcap", "--channels", "acc_x,acc_x")
 
@@ -118,12 +119,21 @@ def test_quiet_leaves_the_notes_out(run, record):
         (("--channels", ","), r"'--channels': ',' has an empty name between two commas"),
         (("--channels", "acc_x,acc_x"), r"A channel was named twice"),
         (("--channels", "time"), r"'time' is the clock of the record, not a channel"),
-        (("--columns", "a,b"), r"2 column names were given, a, b, for 3 columns"),
-        (("--time-column", "nope"), r"No column is called 'nope'"),
-        (("--time-column", "acc_x"), r"Time does not run forwards at line 4: column 'acc_x'"),
-        (("--time-column", "none"), r"does not say how often it was sampled.*--rate-hz"),
-        (("--skip-lines", "100000"), r"6001 lines, fewer than skip_lines=100000\. Lower"),
-        (("--skip-lines", "-1"), r"-1 is not in the range"),
+        (("--reading", "columns=a,b"), r"2 column names were given, a, b, for 3 columns"),
+        (("--reading", "time_column=nope"), r"No column is called 'nope'"),
+        (
+            ("--reading", "time_column=acc_x"),
+            r"Time does not run forwards at line 4: column 'acc_x'",
+        ),
+        (
+            ("--reading", "time_column=none"),
+            r"does not say how often it was sampled.*--rate-hz",
+        ),
+        (
+            ("--reading", "skip_lines=100000"),
+            r"6001 lines, fewer than skip_lines=100000\. Lower",
+        ),
+        (("--reading", "skip_lines=-1"), r"-1 is not in the range"),
         (("--rate-hz", "0"), r"0\.0 is not in the range"),
         (("--rate-hz", "nan"), r"nan is not a finite number"),
         (("--rate-hz", "1e308"), r"1e\+308 is not a sampling rate\. Give .* from 1e-06 to"),
@@ -202,7 +212,7 @@ def test_losses_of_white_noise_are_not_bridged(read, text, lines):
 def test_what_was_assumed_stands_in_the_recording(run, text, lines):
     path = text([f"{line},{'count' if row == 0 else row}" for row, line in enumerate(lines)])
     done = run("import", path, "--out", "a.mcap")
-    assert "set aside ('count': a counter), --keep keeps them" in done.err
+    assert "set aside ('count': a counter), --reading keep=NAME keeps them" in done.err
     with open("a.mcap", "rb") as file:
         said = {r.name: r.metadata for r in make_reader(file).iter_metadata()}["slowtime"]
     assert "'count': a counter" in said["assumptions"]
@@ -261,7 +271,7 @@ def test_a_file_cut_in_half_is_refused(refused, run, record, samples, clock, tmp
         path = tmp_path / f"cut-{name}"
         path.write_bytes(whole[: len(whole) // 2])
         said = refused("identify", path, *RATE)
-        assert "may be cut short" in said or "Run `slowtime recover" in said, said
+        assert "may be cut short" in said or "Run `slowtime mcap recover" in said, said
 
 
 def test_a_byte_that_has_changed_in_a_recording_is_noticed(refused, run, record, tmp_path):
@@ -271,7 +281,7 @@ def test_a_byte_that_has_changed_in_a_recording_is_noticed(refused, run, record,
     (tmp_path / "a.mcap").write_bytes(whole)
     said = refused("identify", "a.mcap")
     assert re.search("is damaged: (crc validation failed|zstd decompress error)", said)
-    assert "Run `slowtime recover" in said
+    assert "Run `slowtime mcap recover" in said
 
 
 def test_what_is_no_file_is_refused(refused, tmp_path):
@@ -357,8 +367,8 @@ def test_header_lines_of_any_size_are_read_over(read, refused, text, lines):
         found, _ = read(text([header, *lines]))
         assert found["channels"] == ["acc_x", "acc_y"]
     path = text(["# a note"] * 1000 + lines)
-    assert "lines before the numbers with --skip-lines" in refused("identify", path)
-    assert read(path, "--skip-lines", 1000)[0]["channels"] == ["acc_x", "acc_y"]
+    assert "lines before the numbers with --reading skip_lines" in refused("identify", path)
+    assert read(path, "--reading", "skip_lines=1000")[0]["channels"] == ["acc_x", "acc_y"]
 
 
 @pytest.mark.data

@@ -24,6 +24,15 @@ def test_a_pipe_gets_lines_of_fields_and_nothing_else(capsys):
     ]
 
 
+def test_no_cell_holds_a_mapping_or_a_list(capsys):
+    nested = {"sum": {"median": 0.5, "by": {"dirlik 1": 2.0}}, "reasons": ["short", "noisy"]}
+    terminal.show("", (), (), plain=[nested])
+    assert capsys.readouterr().out.splitlines() == [
+        "sum_median\tsum_by_dirlik_1\treasons",
+        "0.5\t2\tshort; noisy",
+    ]
+
+
 def test_a_terminal_gets_a_table(capsys, monkeypatch):
     monkeypatch.setattr("sys.stdout.isatty", lambda: True)
     terminal.show("title", ("frequency [Hz]", "method"), ROWS, plain=PLAIN)

@@ -50,7 +50,7 @@ def server(tmp_path):
 
 def test_a_test_alarm_tells_whom_it_has_reached(run, server):
     url, hooks = server
-    done = run("alarms", "test", "lab.beam", "--receiver", "ops", "--server", url)
+    done = run("twin", "alarms", "test", "lab.beam", "--receiver", "ops", "--server", url)
     assert (done.status, done.out.strip()) == (0, "ops: delivered after 1 try")
     (told,) = hooks["ops"].told
     assert told["test"] is True
@@ -58,13 +58,13 @@ def test_a_test_alarm_tells_whom_it_has_reached(run, server):
 
 def test_a_receiver_that_refuses_is_named_with_its_error_and_the_status_is_1(run, server):
     url, _ = server
-    done = run("alarms", "test", "lab.beam", "--wait-s", 1, "--server", url)
+    done = run("twin", "alarms", "test", "lab.beam", "--wait-s", 1, "--server", url)
     assert done.status == 1
     assert "ops: delivered" in done.out
     assert "deaf: waiting after" in done.out
     assert "503" in done.out
     assert "1 of 2 receivers have accepted it within 1 s" in done.err
-    listed = run("alarms", "deliveries", "lab.beam", "--server", url)
+    listed = run("twin", "alarms", "deliveries", "lab.beam", "--server", url)
     rows = [line.split("\t") for line in listed.out.splitlines()]
     assert [row[:4] for row in rows] == [
         ["receiver", "kind", "waiting", "delivered"],
@@ -75,11 +75,11 @@ def test_a_receiver_that_refuses_is_named_with_its_error_and_the_status_is_1(run
 
 def test_what_cannot_be_sent_says_what_to_do(run, server):
     url, _ = server
-    nowhere = run("alarms", "test", "lab.mast", "--server", url)
+    nowhere = run("twin", "alarms", "test", "lab.mast", "--server", url)
     assert nowhere.status == 2
     assert "lab.mast is routed to: none. Add a route" in nowhere.err
-    empty = run("alarms", "deliveries", "lab.mast", "--server", url)
+    empty = run("twin", "alarms", "deliveries", "lab.mast", "--server", url)
     assert (empty.status, empty.out) == (0, "")
     assert "its registration has no alarm_routes" in empty.err
-    away = run("alarms", "test", "lab.beam", "--server", "http://127.0.0.1:1")
+    away = run("twin", "alarms", "test", "lab.beam", "--server", "http://127.0.0.1:1")
     assert (away.status, "did not answer" in away.err) == (2, True)

@@ -42,7 +42,9 @@ def server(tmp_path_factory):
 
 def test_events_are_recorded_listed_and_taken_back(run, server, tmp_path):
     own = ("--server", server, "--person", "Ann")
-    done = run("event", "add", "lab.beam", "--kind", "repair", "--perfect", "--id", "r1", *own)
+    done = run(
+        "twin", "event", "add", "lab.beam", "--kind", "repair", "--perfect", "--id", "r1", *own
+    )
     assert (done.status, done.out.strip()) == (
         0,
         "r1: Repair recorded by Ann: perfect, all damage restored.",
@@ -55,22 +57,32 @@ def test_events_are_recorded_listed_and_taken_back(run, server, tmp_path):
     ]
     file.write_text(json.dumps(events))
     for _ in range(2):
-        done = run("event", "add", "lab.beam", "--file", file, "--server", server)
+        done = run("twin", "event", "add", "lab.beam", "--file", file, "--server", server)
         assert done.status == 0
         assert "r2: Repair recorded by" in done.out
         assert "70 % ± 10 % of the damage restored" in done.out
-    scan = ("--kind", "inspection", "--not-detected", "--a50", 0.1, "--slope", 2)
+    scan = (
+        "--kind",
+        "inspection",
+        "--not-detected",
+        "--setting",
+        "a50=0.1",
+        "--setting",
+        "slope=2",
+    )
     when = ("--at", "2026-01-03T00:00:00Z")
-    ids = {run("event", "add", "lab.beam", *scan, *when, *own).out for _ in range(2)}
+    ids = {run("twin", "event", "add", "lab.beam", *scan, *when, *own).out for _ in range(2)}
     assert len(ids) == 1
     gauge = ("--kind", "inspection", "--value", -0.12, "--sd", 0.03)
-    done = run("event", "add", "lab.beam", *gauge, *own)
+    done = run("twin", "event", "add", "lab.beam", *gauge, *own)
     assert "Inspection recorded by Ann: -12 % ± 3 %" in done.out
-    done = run("event", "undo", "lab.beam", "r1", *own)
+    done = run("twin", "event", "undo", "lab.beam", "r1", *own)
     assert (done.status, done.out.strip()) == (0, "Ann took back the event r1.")
     rows = [
         line.split("\t")
-        for line in run("event", "list", "lab.beam", "--server", server).out.splitlines()
+        for line in run(
+            "twin", "event", "list", "lab.beam", "--server", server
+        ).out.splitlines()
     ]
     assert rows[0][:2] == ["event", "kind"]
     assert [row[0] for row in rows if row[0] in ("r1", "r2", "n1", "undo-r1")] == [
@@ -82,15 +94,15 @@ def test_events_are_recorded_listed_and_taken_back(run, server, tmp_path):
     ("arguments", "match"),
     [
         ((), "Give --kind, or --file"),
-        (("--kind", "note", "--at", "x", "--slow-time", 1), "exclude each other"),
+        (("--kind", "note", "--at", "slow:x"), "is not a valid"),
         (("--kind", "inspection", "--value", -0.1), "--value needs --sd"),
-        (("--kind", "inspection", "--detected"), "need --a50 and --slope"),
+        (("--kind", "inspection", "--detected"), "need the settings a50 and slope"),
         (("--kind", "repair", "--perfect", "--restored-share", 0.5), "exclude each other"),
         (("--kind", "inspection"), "An inspection has one result"),
     ],
 )
 def test_what_cannot_be_recorded_is_refused_with_what_to_do(run, server, arguments, match):
-    done = run("event", "add", "lab.beam", *arguments, "--server", server)
+    done = run("twin", "event", "add", "lab.beam", *arguments, "--server", server)
     assert done.status == 2
     assert match in done.err
 
@@ -105,8 +117,8 @@ def test_a_forecast_of_a_file_restarts_from_its_events(run, tmp_path):
 
     def first(*more):
         done = run(
-            "forecast", history, "--nominal-hz", 3, "--points", 1, "--horizon", 1, *more,
-            "--out", "-",
+            "twin", "forecast", history, "--nominal-hz", 3, "--setting", "points=1",
+            "--horizon", 1, *more, "--out", "-",
         )  # fmt: skip
         assert done.status == 0, done.err
         return json.loads(done.out)["points"][0]["stiffness_change"]["value"]
@@ -114,7 +126,7 @@ def test_a_forecast_of_a_file_restarts_from_its_events(run, tmp_path):
     assert first() == pytest.approx(-0.24, abs=0.01)
     assert first("--events", events) == pytest.approx(-0.004, abs=0.01)
     events.write_text('[{"event": "r1", "kind": "mend"}]')
-    refused = run("forecast", history, "--nominal-hz", 3, "--events", events)
+    refused = run("twin", "forecast", history, "--nominal-hz", 3, "--events", events)
     assert refused.status == 2
     assert "Event 1, at kind: Input should be 'repair'" in refused.err
 
@@ -134,7 +146,19 @@ def test_a_recording_brings_its_events(run, tmp_path, server):
             writer.write(FEATURES, "lab", "beam", encode(one), one.t_ns)
         told = accepted(order, "lab.beam", 1, one.t_ns + 1, "ann", None)
         writer.write(ASSET_EVENT, "lab", "beam", encode(told), told.t_ns)
-    done = run("forecast", path, "--nominal-hz", 3, "--points", 1, "--horizon", 1, "--out", "-")
+    done = run(
+        "twin",
+        "forecast",
+        path,
+        "--nominal-hz",
+        3,
+        "--setting",
+        "points=1",
+        "--horizon",
+        1,
+        "--out",
+        "-",
+    )
     assert done.status == 0, done.err
     change = json.loads(done.out)["points"][0]["stiffness_change"]
     # Nobody has said how much was restored: from none to all of it.

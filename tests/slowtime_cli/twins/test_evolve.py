@@ -17,7 +17,7 @@ def softening(text):
 
 
 def states(run, *arguments):
-    done = run("evolve", *arguments, "--out", "-")
+    done = run("twin", "evolve", *arguments, "--out", "-")
     assert done.status == 0, done.err
     return done.json["points"]
 
@@ -71,7 +71,9 @@ def test_what_identify_wrote_is_taken(run, tmp_path):
 
 
 def test_the_nominal_is_learnt_where_it_is_not_given(run, softening):
-    done = run("evolve", softening, "--learn-epochs", 10, "--out", "states.json")
+    done = run(
+        "twin", "evolve", softening, "--setting", "learn_epochs=10", "--out", "states.json"
+    )
     assert done.status == 0
     assert re.search(
         r"note: not valid in \d+ of 60: The nominal model is still being", done.err
@@ -81,7 +83,7 @@ def test_the_nominal_is_learnt_where_it_is_not_given(run, softening):
 
 
 def test_a_pipe_gets_every_epoch_in_lines_of_fields(run, softening):
-    done = run("evolve", softening, "--nominal-hz", 5)
+    done = run("twin", "evolve", softening, "--nominal-hz", 5)
     head, *rows = done.out.splitlines()
     assert head.split("\t") == [
         "slow_time", "frequency_hz", "frequency_sd", "frequency_lo", "frequency_hi",
@@ -95,7 +97,7 @@ def test_a_pipe_gets_every_epoch_in_lines_of_fields(run, softening):
 def test_a_terminal_gets_a_table_of_some(run, softening, monkeypatch):
     monkeypatch.setattr("sys.stdout.isatty", lambda: True)
     monkeypatch.setattr("slowtime_cli.twins.evolve.MAX_ROWS", 20)
-    done = run("evolve", softening, "--nominal-hz", 5)
+    done = run("twin", "evolve", softening, "--nominal-hz", 5)
     assert done.out.count("±") == 40
     assert "every 3th of 60 epochs is shown; --out writes all of them." in done.err
 
@@ -126,7 +128,7 @@ def test_a_terminal_gets_a_table_of_some(run, softening, monkeypatch):
     ],
 )
 def test_text_that_is_wrong_is_refused_by_its_line(refused, text, rows, says):
-    assert says in refused("evolve", text(rows, "epochs.csv"))
+    assert says in refused("twin", "evolve", text(rows, "epochs.csv"))
 
 
 @pytest.mark.parametrize(
@@ -148,12 +150,12 @@ def test_text_that_is_wrong_is_refused_by_its_line(refused, text, rows, says):
 )
 def test_json_that_is_wrong_is_refused_by_its_epoch(refused, tmp_path, content, says):
     (tmp_path / "modes.json").write_bytes(content)
-    assert says in refused("evolve", "modes.json")
+    assert says in refused("twin", "evolve", "modes.json")
 
 
 def test_binary_that_is_called_text_is_refused(refused, tmp_path):
     (tmp_path / "a.csv").write_bytes(bytes(range(256)))
-    assert "is not text (byte 128). Give a file in UTF-8" in refused("evolve", "a.csv")
+    assert "is not text (byte 128). Give a file in UTF-8" in refused("twin", "evolve", "a.csv")
 
 
 def test_flags_that_do_not_go_together_are_refused(refused, softening):
@@ -169,12 +171,12 @@ def test_flags_that_do_not_go_together_are_refused(refused, softening):
         ),
         (("--changes", "colour"), "'colour' is not one of 'stiffness', 'mass', 'both'"),
     ]:
-        assert says in refused("evolve", softening, *flags)
+        assert says in refused("twin", "evolve", softening, *flags)
 
 
 def test_a_recording_without_features_says_what_to_do_first(run, refused):
     assert run("simulate", "--structure", "tower", "--epochs", 1, "--out", "a.mcap").status == 0
-    said = refused("evolve", "a.mcap")
+    said = refused("twin", "evolve", "a.mcap")
     assert "holds no features. If it holds raw blocks, run `slowtime identify a.mcap" in said
 
 
@@ -187,7 +189,8 @@ def test_windows_that_overlap_count_for_what_their_samples_are_worth(run, tmp_pa
     overlapping = tmp_path / "overlapping.json"
     overlapping.write_text(json.dumps(body))
     found = [
-        run("evolve", path, "--nominal-hz", 5, "--out", "-") for path in (touching, overlapping)
+        run("twin", "evolve", path, "--nominal-hz", 5, "--out", "-")
+        for path in (touching, overlapping)
     ]
     assert "windows overlap: each counts as 0.25 of an independent one" in found[1].err
     assert "overlap" not in found[0].err

@@ -95,8 +95,11 @@ def test_a_server_gives_the_same(run, database):
             "not a valid date and time",
         ),
         (("twin.sqlite", "--out", "a.uff"), "a twin keeps none"),
-        (("twin.sqlite", "--out", "a.csv", "--unit", "g"), "--unit goes with a record"),
-        ((__file__, "--out", "a.csv"), "--skip-lines"),
+        (
+            ("twin.sqlite", "--out", "a.csv", "--reading", "unit=g"),
+            "--reading unit goes with a record",
+        ),
+        ((__file__, "--out", "a.csv"), "--reading skip_lines"),
         ((__file__, "--asset", "lab.beam", "--out", "a.csv"), "--asset goes with a twin's"),
         ((__file__, "--out", "a.json"), "JSON is a graph of twins"),
         (("--server", "http://127.0.0.1:9", "--out", "a.json"), "did not answer"),
@@ -125,7 +128,14 @@ def recording(run, request):
     samples = (1000 * rng.standard_normal((700, len(names)))).astype(kind)
     columns = {f"c{i}": samples[:, i] for i in range(len(names))}
     np.savez("r.npz", fs=rate, **columns)  # type: ignore[arg-type]
-    flags = ("--columns", ",".join(names), "--unit", "m/s^2", "--start", f"{START}Z")
+    flags = (
+        "--reading",
+        "columns=" + ",".join(names),
+        "--unit",
+        "m/s^2",
+        "--start",
+        f"{START}Z",
+    )
     done = run("import", "r.npz", *flags, "--out", "r.mcap")
     assert done.status == 0, done.err
     return names, rate, samples
@@ -151,7 +161,7 @@ def test_a_recording_becomes_csv(run, recording):
 
 def test_a_recording_becomes_parquet(run, recording):
     names, rate, samples = recording
-    exported(run, "r.data", "--format", "parquet")
+    exported(run, "r.data", "--setting", "format=parquet")
     table = pyarrow.parquet.read_table("r.data")
     assert table.column_names == ["time", *names]
     assert float(table.schema.metadata[b"rate_hz"]) == rate

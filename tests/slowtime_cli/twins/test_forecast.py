@@ -14,7 +14,16 @@ from twin_server.serve.routes import simulations
 from twin_server.settings import TwinSettings
 
 NOMINAL = ("--nominal-hz", 5, "--nominal-damping", 0.01)
-LOAD = ("--load", "harmonic", "--amplitude", 0.5, "--frequency-hz", 4.5, "--draws", 20)
+LOAD = (
+    "--load",
+    "harmonic",
+    "--amplitude",
+    0.5,
+    "--frequency-hz",
+    4.5,
+    "--setting",
+    "draws=20",
+)
 
 
 @pytest.fixture
@@ -52,7 +61,9 @@ def server(tmp_path):
 
 
 def test_a_forecast_says_where_it_is_heading_and_when_a_threshold_is_reached(run, softening):
-    done = run("forecast", softening, *NOMINAL, "--threshold", -0.24, "--out", "ahead.json")
+    done = run(
+        "twin", "forecast", softening, *NOMINAL, "--threshold", -0.24, "--out", "ahead.json"
+    )
     assert done.status == 0, done.err
     with open("ahead.json") as file:
         body = json.load(file)
@@ -74,18 +85,18 @@ def test_a_forecast_says_where_it_is_heading_and_when_a_threshold_is_reached(run
     assert cdf["probability"][-1] == told["within"]
     likeliest, share = next(iter(told["laws"].items()))
     assert f"note: degradation laws by evidence: {likeliest} {100 * share:.0f} %" in done.err
-    never = run("forecast", softening, *NOMINAL, "--threshold", -0.9, "--out", "-")
+    never = run("twin", "forecast", softening, *NOMINAL, "--threshold", -0.9, "--out", "-")
     assert never.json["crossings"][0]["times"][0]["slow_time"] is None
 
 
 def test_what_if_runs_the_twin_of_the_last_epoch(run, softening):
-    done = run("whatif", softening, *NOMINAL, *LOAD, "--duration", 2, "--out", "-")
+    done = run("twin", "whatif", softening, *NOMINAL, *LOAD, "--duration", 2, "--out", "-")
     assert done.status == 0, done.err
     simulations.SimulationModel.model_validate(done.json)
     (frequency,) = done.json["today"]["frequencies_hz"]
     assert frequency["value"] == pytest.approx(5.0 * np.sqrt(1 - 0.003 * 59), rel=0.003)
     assert done.json["today"]["damping_ratios"][0]["value"] == pytest.approx(0.011, rel=0.02)
-    lines = run("whatif", softening, *NOMINAL, *LOAD, "--duration", 2).out.splitlines()
+    lines = run("twin", "whatif", softening, *NOMINAL, *LOAD, "--duration", 2).out.splitlines()
     assert lines[0].split("\t")[:4] == ["t_s", "load", "mass_value", "mass_sd"]
     assert len(lines) == 1 + len(done.json["t_s"])
 
@@ -99,7 +110,7 @@ def test_what_if_runs_the_twin_of_the_last_epoch(run, softening):
     ],
 )
 def test_a_load_without_its_numbers_names_the_options(run, kind, needed):
-    done = run("whatif", __file__, "--load", kind)
+    done = run("twin", "whatif", __file__, "--load", kind)
     assert done.status == 2
     assert f"--load {kind} needs {needed}. Give" in done.err
 
@@ -107,7 +118,9 @@ def test_a_load_without_its_numbers_names_the_options(run, kind, needed):
 def test_a_recorded_load_is_read_from_a_file(run, softening):
     np.savetxt("quake.csv", np.sin(np.arange(200) / 9.0), header="base", fmt="%.6f")
     shaken = ("--load", "recorded", "--record", "quake.csv", "--rate-hz", 100)
-    done = run("whatif", softening, *NOMINAL, *shaken, "--draws", 20, "--out", "-")
+    done = run(
+        "twin", "whatif", softening, *NOMINAL, *shaken, "--setting", "draws=20", "--out", "-"
+    )
     assert done.status == 0, done.err
     np.testing.assert_allclose(done.json["load"], np.sin(np.arange(200) / 9.0), atol=1e-6)
     assert done.json["rate_hz"] == 100.0
@@ -119,11 +132,11 @@ def test_a_registration_of_its_own_brings_mass_and_thresholds(run, softening):
     known = {"offline.record": {"nominal": nominal, "forecast": limits}}
     with open("twins.json", "w") as file:
         json.dump(known, file)
-    told = run("forecast", softening, "--registration", "twins.json", "--out", "-").json
+    told = run("twin", "forecast", softening, "--registration", "twins.json", "--out", "-").json
     assert [one["source"] for one in told["crossings"]] == ["registration"]
-    pushed = ("--load", "step", "--amplitude", 10, "--on", "mass", "--draws", 20)
+    pushed = ("--load", "step", "--amplitude", 10, "--on", "mass", "--setting", "draws=20")
     asked = ("--registration", "twins.json", *pushed, "--quantity", "displacement")
-    out = run("whatif", softening, *asked, "--out", "-").json["outputs"]["mass"]
+    out = run("twin", "whatif", softening, *asked, "--out", "-").json["outputs"]["mass"]
     still = 10.0 / (1973.9 * (1 - 0.003 * 59))
     assert np.mean(out["value"]) == pytest.approx(still, rel=0.1)
 
@@ -131,28 +144,43 @@ def test_a_registration_of_its_own_brings_mass_and_thresholds(run, softening):
 def test_a_running_server_is_asked_and_its_refusal_is_told(run, server, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     beam = ("--server", server, "--asset", "lab.beam")
-    done = run("forecast", *beam)
+    done = run("twin", "forecast", *beam)
     assert done.status == 2
     assert "No twin is called lab.beam" in done.err
-    done = run("whatif", *beam, *LOAD)
+    done = run("twin", "whatif", *beam, *LOAD)
     assert done.status == 2
     assert "No twin is called lab.beam" in done.err
-    away = run("forecast", "--server", "http://127.0.0.1:1", "--asset", "lab.beam")
+    away = run("twin", "forecast", "--server", "http://127.0.0.1:1", "--asset", "lab.beam")
     assert "did not answer" in away.err
 
 
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("forecast",), "Give SOURCE, or --server URL"),
-        (("forecast", "frequencies.csv", "--server", "http://x"), "exclude each other"),
-        (("forecast", "--server", "http://x"), "--server needs --asset"),
-        (("forecast", "frequencies.csv", "--quantity", "mass_change"), "without a threshold"),
-        (("forecast", "frequencies.csv", "--nominal-damping", "0.1"), "goes with --nominal-hz"),
-        (("whatif", "frequencies.csv", "--load", "recorded"), "needs --record"),
-        (("whatif", "frequencies.csv", "--load", "harmonic"), "amplitude"),
-        (("whatif", "frequencies.csv", *LOAD, "--channel", "a"), "go with --load recorded"),
-        (("whatif", "frequencies.csv", *LOAD, "--on", "mass"), "nominal.mass_kg"),
+        (
+            (
+                "twin",
+                "forecast",
+            ),
+            "Give SOURCE, or --server URL",
+        ),
+        (("twin", "forecast", "frequencies.csv", "--server", "http://x"), "exclude each other"),
+        (("twin", "forecast", "--server", "http://x"), "--server needs --asset"),
+        (
+            ("twin", "forecast", "frequencies.csv", "--setting", "quantity=mass_change"),
+            "without a threshold",
+        ),
+        (
+            ("twin", "forecast", "frequencies.csv", "--nominal-damping", "0.1"),
+            "goes with --nominal-hz",
+        ),
+        (("twin", "whatif", "frequencies.csv", "--load", "recorded"), "needs --record"),
+        (("twin", "whatif", "frequencies.csv", "--load", "harmonic"), "amplitude"),
+        (
+            ("twin", "whatif", "frequencies.csv", *LOAD, "--setting", "channel=a"),
+            "go with --load recorded",
+        ),
+        (("twin", "whatif", "frequencies.csv", *LOAD, "--on", "mass"), "nominal.mass_kg"),
     ],
 )
 def test_what_cannot_be_asked_is_refused_with_what_to_do(refused, softening, arguments, says):
@@ -172,7 +200,7 @@ REGISTERED = {
 
 def test_a_plan_says_what_to_do(run, softening, tmp_path):
     (tmp_path / "twins.json").write_text(json.dumps({"lab.tower": REGISTERED}))
-    done = run("plan", softening, "--registration", "twins.json", "--out", "plan.json")
+    done = run("twin", "plan", softening, "--registration", "twins.json", "--out", "plan.json")
     assert done.status == 0, done.err
     body = json.loads((tmp_path / "plan.json").read_text())
     plan_models.PlanModel.model_validate(body)
@@ -187,7 +215,7 @@ def test_a_plan_says_what_to_do(run, softening, tmp_path):
 
 
 def test_a_plan_of_a_fleet_is_that_of_the_server(run, server):
-    done = run("plan", "--server", server, "--fleet", "--out", "-")
+    done = run("twin", "plan", "--server", server, "--fleet", "--out", "-")
     assert done.status == 0, done.err
     assert done.json["assets"] == []
     assert "nothing can be ranked" in done.err
@@ -202,6 +230,6 @@ def test_a_plan_of_a_fleet_is_that_of_the_server(run, server):
     ],
 )
 def test_a_plan_of_nothing_is_refused(run, softening, arguments, text):
-    done = run("plan", *arguments)
+    done = run("twin", "plan", *arguments)
     assert done.status == 2
     assert text in done.err

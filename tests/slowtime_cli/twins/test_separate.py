@@ -17,7 +17,7 @@ def history(tmp_path):
 
 def test_the_drift_and_the_wave_come_apart_with_their_errors(run, history, tmp_path):
     out = tmp_path / "scales.csv"
-    done = run("separate", str(history), "--json", "--out", str(out))
+    done = run("twin", "separate", str(history), "--out", "-", "--out", str(out))
     assert done.status == 0, done.err
     found = done.json
     assert found["short_scale"] == "repeating"
@@ -32,6 +32,6 @@ def test_the_drift_and_the_wave_come_apart_with_their_errors(run, history, tmp_p
 def test_too_few_readings_are_refused(run, tmp_path):
     path = tmp_path / "short.csv"
     path.write_text("slow_time,value,sd\n0,1,0.1\n1,2,0.1\n")
-    done = run("separate", str(path))
+    done = run("twin", "separate", str(path))
     assert done.status != 0
     assert "Give at least 8" in done.err

@@ -160,5 +160,5 @@ def test_the_verbs_say_in_a_sentence_what_they_found(tmp_path, capsys):
     assert "The previous database was moved to" in capsys.readouterr().out
     path.write_bytes(b"no database of anybody " * 400)
     assert ran("check", path) == 2
-    assert "restore the last backup with `slowtime restore`" in capsys.readouterr().err
+    assert "restore the last backup with `slowtime db restore`" in capsys.readouterr().err
     verify_file(copy)

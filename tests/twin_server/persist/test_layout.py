@@ -152,7 +152,7 @@ def test_what_rots_while_the_server_runs_is_noticed_where_it_is_read(tmp_path, w
     value = 7.5 if what == "slow_time" else b"\x00" * 300
     other.execute(f"update features set {what} = ? where id = ?", (value, (1 << 40) + 20))
     other.close()
-    with pytest.raises(DamagedStoreError, match=r"damaged.*checksum.*slowtime restore"):
+    with pytest.raises(DamagedStoreError, match=r"damaged.*checksum.*slowtime db restore"):
         store.history("lab.beam") if what == "state" else store.messages("lab.beam", (1, 0), 50)
     store.close()
     with pytest.raises(DamagedStoreError, match="is not as it was written"):
@@ -174,7 +174,7 @@ def test_rows_tables_and_indices_that_are_missing_or_other_are_noticed(tmp_path,
     other = sqlite3.connect(tmp_path / "x.sqlite", isolation_level=None)
     other.executescript(done)
     other.close()
-    with pytest.raises(DamagedStoreError, match=r"damaged.*slowtime restore"):
+    with pytest.raises(DamagedStoreError, match=r"damaged.*slowtime db restore"):
         SqliteStore(tmp_path / "x.sqlite")
 
 

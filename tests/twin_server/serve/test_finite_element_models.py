@@ -70,7 +70,7 @@ def test_a_model_larger_than_other_bodies_is_taken_and_matrices_of_files_are_not
         "/api/v1/twins/lab.files", json={"changes": "elements", "model": files}
     )
     assert refused.status_code == 422
-    assert "slowtime reduce MODEL" in refused.text
+    assert "slowtime model reduce MODEL" in refused.text
 
 
 @pytest.mark.long

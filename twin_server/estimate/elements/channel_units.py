@@ -150,7 +150,7 @@ def _of_one_unit(names: list[str], told: Mapping[str, str], model: ElementModel)
         return []
     return [
         f"{', '.join(heard)} are in {unit!r}, which is not a unit of motion: one common "
-        "sensitivity is assumed for all of them. Give the edge agent --sensitivity."
+        "sensitivity is assumed for all of them. Give the edge agent --reading sensitivity."
     ]
 
 
@@ -183,5 +183,5 @@ def _lost(names: list[str], told: Mapping[str, str]) -> list[str]:
     said = ", ".join(f"{name} in {told[name]!r}" for name in names)
     return [
         f"{said}: not a unit of motion, while other channels have one, so left out of "
-        "mode shapes. Give the edge agent --unit or --sensitivity."
+        "mode shapes. Give the edge agent --unit or --reading sensitivity."
     ]

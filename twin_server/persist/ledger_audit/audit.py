@@ -64,7 +64,7 @@ def audit(
     found.wrong += counters.wrong(reader)
     if not found.heads:
         found.notes.append(
-            "No head was ever signed here: give the server a key (`slowtime ledger key`)."
+            "No head was ever signed here: give the server a key (`slowtime db ledger key`)."
         )
     return found
 

@@ -122,7 +122,7 @@ def damaged(what: str) -> DamagedStoreError:
     """Make the error for damaged data, with advice."""
     return DamagedStoreError(
         f"{what} is damaged: its checksum is wrong, so its content is not used. Stop the "
-        "server and run `slowtime restore` with the last backup. Edge agents then resend "
+        "server and run `slowtime db restore` with the last backup. Edge agents then resend "
         "the features that they still hold; all others are reported as lost."
     )
 

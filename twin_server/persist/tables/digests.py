@@ -1,8 +1,8 @@
 """Hashes of histories that are rolled on as rows are appended, so that each costs one step.
 
 SHA-256 over all features of a twin, their states and details, in order. Every so many rows it
-is also kept, which ties each row to all before it: `slowtime check`, and a server that starts,
-roll it anew and compare.
+is also kept, which ties each row to all before it: `slowtime db check`, and a server that
+starts, roll it anew and compare.
 """
 
 import hashlib

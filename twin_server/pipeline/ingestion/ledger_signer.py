@@ -41,12 +41,12 @@ from .repeated_audit import RepeatedAudit, audit_store
 logger = logging.getLogger(__name__)
 
 MOST_NAMED = 5
-"""Differences that a refusal names; `slowtime check --ledger` tells all."""
+"""Differences that a refusal names; `slowtime db check --ledger` tells all."""
 MOST_TWINS_TOLD = 1_000
 """Twins that get an event of a refusal; all of a larger site are wrong for one reason."""
 _CURE = (
     "Keep the database aside as evidence, and restore the last backup that "
-    "`slowtime check --ledger` finds sound."
+    "`slowtime db check --ledger` finds sound."
 )
 LOOKED_BACK = 1_000
 """Heads that a server looks through when it starts, for what it has told of each twin."""

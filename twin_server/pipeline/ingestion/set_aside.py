@@ -181,5 +181,6 @@ class SettingAside:
         self._refusals.refuse(
             "quarantine_full",
             f"{twin_id} has as many messages aside as are allowed, and no more of it is taken "
-            "in. Its edge agent keeps them. Release or drop some: slowtime quarantine list.",
+            "in. Its edge agent keeps them. Release or drop some: slowtime twin quarantine "
+            "list.",
         )

@@ -83,7 +83,7 @@ def sentence(row: AsideRow) -> str:
     )
     return (
         f"Message {row.sequence} of boot {row.boot} was set aside: {row.why}. {place} Other "
-        "messages go on. Release it to try it again, or drop it (`slowtime quarantine`)."
+        "messages go on. Release it to try it again, or drop it (`slowtime twin quarantine`)."
     )
 
 

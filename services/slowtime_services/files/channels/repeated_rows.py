@@ -102,7 +102,7 @@ def new_rows(
     if of_a_piece:
         raise RecordError(
             f"{share}, as when a reader polls faster than the sensor measures. Read the file "
-            "at once with --whole, or give --repeated keep."
+            "at once with --whole, or give --reading repeated=keep."
         )
     even = hold.even and said.rate_hz is None and not (axis is not None and axis.gaps)
     if not even and said.repeated is None:
@@ -110,7 +110,8 @@ def new_rows(
     new_hz = rate_hz if said.rate_hz is not None else _rate_of(hold, rate_hz, axis)
     note = (
         f"{share}, as when a reader polls faster than the sensor measures. They were left out: "
-        f"{len(hold.first)} rows at {new_hz:.6g} Hz are used. --repeated keep keeps them."
+        f"{len(hold.first)} rows at {new_hz:.6g} Hz are used. --reading repeated=keep keeps "
+        "them."
     )
     return NewRows(hold.first, new_hz, (note,))
 
@@ -126,14 +127,14 @@ def _question(hold: Hold, rate_hz: float, given: bool) -> str:
     if given:
         return (
             "as when a reader polls faster than the sensor measures. Say of which rows "
-            f"{rate_hz:g} Hz is the rate: of all with --repeated keep, of new ones with "
-            "--repeated drop."
+            f"{rate_hz:g} Hz is the rate: of all with --reading repeated=keep, of new ones "
+            "with --reading repeated=drop."
         )
     return (
         "and new rows do not come evenly: a reader polls faster than the sensor measures, or "
         "lost samples were filled with the last one. Images of the modes would be taken for "
-        f"modes. Give --repeated drop for {rate_hz / hold.ratio:.6g} Hz, the mean rate of new "
-        "rows; give --repeated keep if each row was measured."
+        f"modes. Give --reading repeated=drop for {rate_hz / hold.ratio:.6g} Hz, the mean "
+        "rate of new rows; give --reading repeated=keep if each row was measured."
     )
 
 

@@ -71,7 +71,7 @@ def _chosen(
         if place in clocks:
             raise RecordError(
                 f"{names[place]!r} is the clock of the record, not a channel. Leave it out; if "
-                "it is one after all, give --time-column none and --rate-hz."
+                "it is one after all, give --reading time_column=none and --rate-hz."
             )
         if sheet.columns[place].kind != "number":
             raise RecordError(

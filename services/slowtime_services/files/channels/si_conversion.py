@@ -229,19 +229,20 @@ def _conversion_notes(
     if volts:
         notes.append(
             f"Left in volts, because no sensitivity is known: {_listed(volts)}. "
-            "Frequencies do not depend on it; for accelerations, give --sensitivity, "
+            "Frequencies do not depend on it; for accelerations, give --reading sensitivity, "
             "such as 100mV/g."
         )
     if contradicted:
         notes.append(
             "Left as they are, because their names tell of no acceleration: "
             f"{_listed(contradicted)}. If they are accelerations, say so in their names, such "
-            "as acc_1, with --columns."
+            "as acc_1, with --reading columns."
         )
     if others:
         notes.append(
             f"Left as they are, because their unit is not understood: {_listed(others)}. Give "
-            "it with --unit, such as g, or for counts a --sensitivity, such as 0.061mg/LSB."
+            "it with --unit, such as g, or for counts a --reading sensitivity, such as "
+            "0.061mg/LSB."
         )
     return notes
 

@@ -158,7 +158,7 @@ def _refuse_other_rates(read: Sequence[tuple[RowClock, TimeAxis]]) -> None:
             raise RecordError(
                 f"Two columns contain different times: {clock.name!r} {axis.rate_hz:.6g} Hz, "
                 f"{other.name!r} {second.rate_hz:.6g} Hz. Name the clock with "
-                "--time-column, or its unit with --time-unit."
+                "--reading time_column, or its unit with --reading time_unit."
             )
 
 
@@ -391,7 +391,8 @@ def clock_of_stamps(
         origin = None
         notes.append(
             f"Dates such as {stamps.ambiguous} may begin with the day, the month or the year, "
-            "so the start time is not taken from them. State the order with --date-order dmy, "
+            "so the start time is not taken from them. State the order with --reading "
+            "date_order=dmy, "
             "mdy or ymd."
         )
     elif stamps.dated and not stamps.zoned and zone is not None and origin is not None:

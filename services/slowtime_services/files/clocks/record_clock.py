@@ -157,4 +157,4 @@ def clock_words(
         yield f"{BY_CLOCK} {told.clock.said}"
     if why:
         apart = "; ".join(f"{name!r}: {reason}" for name, reason in why.items())
-        yield f"set aside ({apart}), --keep keeps them"
+        yield f"set aside ({apart}), --reading keep=NAME keeps them"

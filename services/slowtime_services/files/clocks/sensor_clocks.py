@@ -63,7 +63,7 @@ def clock_of_channels(sheet: Sheet, channels: Sequence[str] | None) -> int | Non
                 f"Columns {first!r} and {second!r} are clocks of different sensors, and {said}"
                 ": samples of a row were not taken at one instant. Read one sensor at a time, "
                 f"as with --channels {some!r}, or write each into a file of its own; if only "
-                "one clock is right, name it with --time-column."
+                "one clock is right, name it with --reading time_column."
             )
     return None
 

@@ -140,7 +140,7 @@ def _one_too_many(preamble: Sequence[str], layout: ColumnLayout) -> tuple[str, .
         return ()
     return (
         f"Columns have no names, because the line above them has one word more ({last[:60]!r}) "
-        "and may begin with a key. Give the names with --columns.",
+        "and may begin with a key. Give the names with --reading columns.",
     )
 
 
@@ -157,7 +157,7 @@ def _with_nameless_column(
         return [["", *row] for row in fewer], ()
     said = (
         f"The heading has {len(names)} names for {len(layout.kinds)} columns; the last column "
-        "was taken to have none. Give all names with --columns if that is wrong."
+        "was taken to have none. Give all names with --reading columns if that is wrong."
     )
     return [[*row, ""] for row in fewer], (said,)
 

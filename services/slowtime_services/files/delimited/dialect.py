@@ -286,13 +286,14 @@ def no_rows(lines: Sequence[str], name: str, skip: int | None) -> RecordError:
     offset = skip or 0
     if offset >= len(lines):
         return RecordError(
-            f"{name} has {len(lines)} lines, fewer than skip_lines={skip}. Lower --skip-lines."
+            f"{name} has {len(lines)} lines, fewer than skip_lines={skip}. Lower --reading "
+            "skip_lines."
         )
     return RecordError(
         f"No row of numbers in the first {HEAD_LINES} lines of {name} "
         f"(line {offset + 1} is {lines[offset][:60]!r}). A row is numbers, with or without a "
         "date or time such as 2024-04-21T15:00:00.010Z or 21.04.2024 15:00:00. Give the "
-        "number of lines before the numbers with --skip-lines, or convert the file to "
+        "number of lines before the numbers with --reading skip_lines, or convert the file to "
         "CSV."
     )
 

@@ -31,7 +31,7 @@ def read(path: Path, max_bytes: int) -> Found:
     if samples.dtype.kind in "iu":
         notes = (
             f"{path.name} holds integers of {bits} bits, in steps of its "
-            "sound card. Give --sensitivity, such as 16384counts/g, for accelerations.",
+            "sound card. Give --reading sensitivity, such as 16384counts/g, for accelerations.",
         )
     return Found(series, notes, {}, _figures(path))
 

@@ -193,8 +193,8 @@ def scale_of(
         raise RecordError(
             f"The times in column {name!r} have no unit: in seconds the rate would be "
             f"{rate:.6g} Hz, seldom one of vibration{'; ' + would if would else ''}. Say "
-            f"which with --time-unit {'|'.join(UNITS)} or in the column's name, as in t_ms; or "
-            "give --rate-hz."
+            f"which with --reading time_unit={'|'.join(UNITS)} or in the column's name, as in "
+            "t_ms; or give --rate-hz."
         )
     return TimeScale(1.0, None, f"{name!r} in seconds, because no unit is stated", sure=False)
 

@@ -62,7 +62,7 @@ def write_state_report(
     reference: Reference = UNKNOWN_REFERENCE,
     language: str = "en",
 ) -> None:
-    """Write the report of `slowtime evolve`, as HTML or PDF.
+    """Write the report of `slowtime twin evolve`, as HTML or PDF.
 
     Parameters
     ----------

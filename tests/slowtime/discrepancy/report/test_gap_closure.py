@@ -118,7 +118,7 @@ def test_a_demanded_shape_that_does_not_fit_is_named_with_what_it_costs(closed):
     text = describe_gap_closure(dataclasses.replace(told, shaped=bent), 1.0, [], KINDS)
     assert "The demanded shape, even, does not fit these records" in text
     assert "by 40" in text
-    assert "Use --surface auto" in text
+    assert "Use --setting surface=auto" in text
 
 
 def test_a_picture_of_a_surface_has_its_measured_range_and_opening_bands(closed):

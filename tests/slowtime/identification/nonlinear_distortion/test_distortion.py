@@ -204,7 +204,7 @@ def test_what_does_not_repeat_is_refused():
 
 
 def test_a_record_without_a_whole_period_is_refused():
-    with pytest.raises(ValueError, match=r"not one period of 1024.*--transient"):
+    with pytest.raises(ValueError, match=r"not one period of 1024.*--setting transient"):
         realisation_of(np.zeros(1100), np.zeros(1100), RATE, N, 100)
 
 

@@ -21,7 +21,7 @@ from . import forging
 
 NAMES = [table.name for table in TABLES]
 MADE_BY_THE_LAYOUT = {
-    "tallies": "numbers of rows, kept by triggers; `slowtime check` compares them",
+    "tallies": "numbers of rows, kept by triggers; `slowtime db check` compares them",
     "layouts": "version of a PostgreSQL schema",
     "attempts": "what a server is about to do, for the time of one step; shown to nobody",
 }

@@ -189,7 +189,7 @@ def test_the_command_fetches_a_proof_and_verifies_it_without_the_server(
     def run(*words):
         capsys.readouterr()
         with pytest.raises(SystemExit) as left:
-            main(["ledger", *words])
+            main(["db", "ledger", *words])
         return left.value.code, " ".join(" ".join(capsys.readouterr()).split())
 
     server = started()

@@ -97,7 +97,9 @@ def test_lead_time_months_and_accepted_probability_can_be_asked_for(planned):
     assert planned.get(f"{TWIN}/plan").json()["last_order"] == free
 
     where = ["--server", planned.url, "--asset", "lab.beam", "--out", "-"]
-    ran = CliRunner().invoke(app, ["plan", *where, "--lead-time", "15", "--accepted", "0.05"])
+    ran = CliRunner().invoke(
+        app, ["plan", *where, "--setting", "lead_time=15", "--setting", "accepted=0.05"]
+    )
     assert ran.exit_code == 0, ran.output
     assert json.loads(ran.stdout)["last_order"]["sentence"] == last.sentence
     with_terms = DECISION | {"lead_time": 15.0, "accepted": 0.05}

@@ -1,31 +1,7 @@
-"""Groups of the verbs in `slowtime --help`, and verbs for words that newcomers try first."""
+"""Commands for words that newcomers try first."""
 
 import difflib
 from collections.abc import Iterable, Mapping
-
-GROUPS: Mapping[str, tuple[str, ...]] = {
-    "Analyse a record": (
-        "identify", "merge", "scale", "orders", "distortion", "track", "virtual", "fatigue",
-    ),
-    "Models and diagnosis": (
-        "diagnose", "effects", "simulate", "convert", "reduce", "update", "place", "surrogate",
-        "reliability", "design", "fmu",
-    ),
-    "Run a twin": (
-        "demo", "router", "edge", "publish", "twin", "composite", "event",
-    ),
-    "Ask a twin, or a file of modes": (
-        "evolve", "forecast", "separate", "whatif", "risk", "plan",
-    ),
-    "Operate": (
-        "doctor", "status", "alarms", "holdings", "quarantine", "keys", "tokens", "check",
-        "ledger", "backup", "restore", "plugins", "completion",
-    ),
-    "Data": (
-        "import", "export", "record", "replay", "recover", "layout",
-    ),
-}  # fmt: skip
-"""Heading → verbs, in the order of the help."""
 
 SYNONYMS: Mapping[str, tuple[str, ...]] = {
     "agent": ("edge",),
@@ -39,8 +15,10 @@ SYNONYMS: Mapping[str, tuple[str, ...]] = {
     "help": ("--help",),
     "info": ("doctor",),
     "life": ("forecast",),
-    "modal": ("identify",),
-    "modes": ("identify",),
+    "database": ("db",),
+    "modal": ("identify", "modes"),
+    "fe": ("model",),
+    "mesh": ("convert",),
     "oma": ("identify",),
     "play": ("replay",),
     "predict": ("forecast",),
