@@ -2,14 +2,15 @@
 
 import contextlib
 import io
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import click
 
 from .options import STDOUT, OutFile
 
+F = TypeVar("F", bound=Callable[..., Any])
 JSON_FILE = "slowtime.json_file"
 """Key of the context: file into which the JSON goes that the verb prints."""
 
@@ -31,9 +32,8 @@ class OutOption(click.Option):
     ) -> None:
         endings = (*writes, *({".json"} - {*writes}))
         kind = OutFile(*endings, stdout=True)
-        super().__init__(
-            *args, type=kind, multiple=True, metavar="FILE", expose_value=False, **rest
-        )
+        rest |= {"type": kind, "multiple": True, "metavar": "FILE", "expose_value": False}
+        super().__init__(*args, **rest)
         self.writes, self.to = writes, to
 
     @property
@@ -61,7 +61,7 @@ class OutOption(click.Option):
         return value, args
 
 
-def out_option(text: str, *writes: str, to: str | None = None) -> Any:
+def out_option(text: str, *writes: str, to: str | None = None) -> Callable[[F], F]:
     """Add --out.
 
     Parameters

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import click
+from click.shell_completion import CompletionItem
 
 from .help_pages import Rare
 
@@ -69,7 +70,8 @@ class Settings(Rare):
     """
 
     def __init__(self, *args: Any, settings: Iterable[Setting], **rest: Any) -> None:
-        super().__init__(*args, multiple=True, metavar="KEY=VALUE", expose_value=False, **rest)
+        rest |= {"multiple": True, "metavar": "KEY=VALUE", "expose_value": False}
+        super().__init__(*args, **rest)
         self.settings = {setting.key: setting for setting in settings}
         for setting in self.settings.values():
             setting.behind = self.opts[0]
@@ -85,7 +87,7 @@ class Settings(Rare):
     ) -> tuple[Any, list[str]]:
         """Give the verb the value of each key, or its default."""
         texts: dict[str, list[str]] = {key: [] for key in self.settings}
-        for given in opts.get(self.name) or ():
+        for given in () if ctx.resilient_parsing else opts.get(self.name) or ():
             key, equals, value = str(given).partition("=")
             key = key.strip().replace("-", "_")
             if key not in texts or not equals:
@@ -97,6 +99,14 @@ class Settings(Rare):
             found = {setting.name: setting.values_of(texts[key], ctx)} if texts[key] else {}
             setting.handle_parse_result(ctx, found, [])
         return None, args
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        """Complete the keys."""
+        return [
+            CompletionItem(f"{key}=", help=setting.help)
+            for key, setting in self.settings.items()
+            if key.startswith(incomplete)
+        ]
 
     def records(self, ctx: click.Context) -> list[tuple[str, str]]:
         """Return key and help of each setting, for the full help."""

@@ -2,7 +2,7 @@ import re
 import tomllib
 from pathlib import Path
 
-from slowtime_cli.__main__ import VERBS
+from slowtime_cli.verbs.tree import VERBS
 
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "CHANGELOG.md").read_text()

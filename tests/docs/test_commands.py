@@ -2,10 +2,12 @@
 
 import re
 import shlex
+from collections.abc import Iterator
 from pathlib import Path
 
 import click
 import pytest
+import yaml
 
 from slowtime_cli.verbs.tree import OLD_NAMES
 from tests.docs.commands import parse
@@ -23,6 +25,7 @@ FILES = [
 HASHED = ("tree head", "ledger 1")
 """Beginnings of what is hashed, and no commands."""
 GROUPS = {words for words, command, _ in commands() if isinstance(command, click.Group)}
+COMMANDS = {words: command for words, command, _ in commands()}
 NAMES = {words for words, _, _ in commands() if words}
 SAID = re.compile(r"(?:`|^ {4}|&& |\| )slowtime ((?:[a-z]+ ?)+)", re.M)
 
@@ -42,6 +45,25 @@ def test_every_command_of_a_page_has_its_name_of_today(page):
 def test_every_command_of_a_service_has_its_name_of_today(path):
     for word in re.findall(r"\bslowtime(?:,|\")? *\"?([a-z]+)", path.read_text()):
         assert word not in OLD_NAMES
+
+
+def ordered() -> Iterator[tuple[str, list[str]]]:
+    """Yield file and words of the commands that Compose files give to containers."""
+    for path in sorted(ROOT.glob("docker-compose*.yml")):
+        services = yaml.load(path.read_text(), yaml.BaseLoader).get("services", {})
+        for service in services.values():
+            words = service.get("command") or []
+            if words and words[0] in NAMES:
+                yield path.name, words
+
+
+@pytest.mark.parametrize(("name", "words"), list(ordered()))
+def test_every_option_of_a_container_is_one_of_today(name, words):
+    command = words[0] + (" run" if words[0] in ("router", "twin") else "")
+    command = f"{command} {words[1]}" if command in GROUPS else command
+    known = {flag for one in COMMANDS[command].params for flag in one.opts}
+    given = {word.partition("=")[0] for word in words if word.startswith("--")}
+    assert given <= known, name
 
 
 def typed() -> list[list[str]]:

@@ -14,9 +14,10 @@ from typing import Any, NamedTuple
 
 import click
 
-from slowtime_cli.__main__ import VERBS, Verbs, main
+from slowtime_cli.__main__ import main
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.options import OutFile
+from tests.slowtime_cli.command_tree import commands
 
 INTERNALS = re.compile(
     r"Traceback \(most recent|<frozen |<class '|\bobject at 0x|\bat 0x[0-9a-f]{6}|"
@@ -35,10 +36,10 @@ PATIENCE_S = 20
 WAIT_S = 60.0
 """After which one that waits is ended [s]."""
 
-SERVERS = frozenset(("edge", "publish", "record", "twin"))
+SERVERS = frozenset(("edge", "publish", "record", "twin run"))
 """Verbs that go on without some of the files that they may be given."""
 
-ENDLESS = frozenset(("demo", "router"))
+ENDLESS = frozenset(("demo", "router run"))
 """Verbs that run until Ctrl-C with any file that they may be given."""
 
 ENDINGS = ("", ".csv", ".json", ".yaml", ".toml", ".mcap", ".npz", ".mat", ".sqlite")
@@ -88,19 +89,10 @@ MEMORY_BYTES = 2 << 30
 
 
 def verbs() -> Iterator[tuple[tuple[str, ...], click.Command]]:
-    """Every verb, and every command within one."""
-    group = Verbs()
-    context = click.Context(group)
-    for name in VERBS:
-        command = group.get_command(context, name)
-        assert command is not None
-        if isinstance(command, click.Group):
-            for inner in command.list_commands(context):
-                found = command.get_command(context, inner)
-                assert found is not None
-                yield (name, inner), found
-        else:
-            yield (name,), command
+    """Every command that is no group."""
+    for words, command, _ in commands():
+        if not isinstance(command, click.Group):
+            yield tuple(words.split()), command
 
 
 def preload() -> None:

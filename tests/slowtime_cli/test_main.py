@@ -8,9 +8,9 @@ import click
 import pytest
 
 from slowtime_cli import __main__ as command
-from slowtime_cli.__main__ import VERBS, app
+from slowtime_cli.__main__ import app
 from slowtime_cli.verbs.suggestions import SYNONYMS
-from slowtime_cli.verbs.tree import GROUPS, paths
+from slowtime_cli.verbs.tree import GROUPS, VERBS, paths
 
 
 @pytest.mark.parametrize("verb", VERBS)

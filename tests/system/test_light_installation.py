@@ -47,7 +47,7 @@ def test_an_edge_over_a_file_leaves_features_in_its_spool(tmp_path):
         '[input]\nkind = "file"\npath = "a.csv"\nrate_hz = 100.0\nstart_ns = 1\n'
         "[extract]\nwindow_s = 10.0\n[publish]\nlinger_s = 0.0\n"
     )
-    done = run("edge", "--config", "edge.toml", "--setting", "spool=spool", folder=tmp_path)
+    done = run("edge", "--config", "edge.toml", "--spool", "spool", folder=tmp_path)
     assert done.returncode == 0, done.stderr
     files = [path for path in (tmp_path / "spool").rglob("*") if path.is_file()]
     kept = b"".join(path.read_bytes() for path in files)

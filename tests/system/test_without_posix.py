@@ -120,7 +120,7 @@ def test_an_edge_agent_leaves_features_in_its_spool(run, record, tmp_path):
         f'[input]\nkind = "file"\npath = "{record}"\nrate_hz = 100.0\nstart_ns = 1\n'
         "[extract]\nwindow_s = 20.0\n[publish]\nlinger_s = 0.0\n"
     )
-    run("edge", "--config", "edge.toml", "--setting", "spool=spool")
+    run("edge", "--config", "edge.toml", "--spool", "spool")
     files = [path for path in (tmp_path / "spool").rglob("*") if path.is_file()]
     assert b"".join(path.read_bytes() for path in files).count(b'"sequence"') == 3
 

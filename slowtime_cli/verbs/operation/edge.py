@@ -114,6 +114,12 @@ underscores); flags overrule the environment, which overrules the file.
 )
 @connect_option
 @credentials_option
+@click.option(
+    "--spool",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder where features wait for the twin.  [default: var/spool]",
+    cls=Rare,
+)
 @settings_option(
     setting(
         "--password-file",
@@ -126,11 +132,6 @@ underscores); flags overrule the environment, which overrules the file.
         help="Pace of --simulate.  [default: 5, or 1 for a frame]",
     ),
     setting("--raw/--no-raw", default=None, help="Publish raw blocks too, for recording."),
-    setting(
-        "--spool",
-        type=click.Path(file_okay=False, path_type=Path),
-        help="Folder where features wait for the twin.  [default: var/spool]",
-    ),
 )
 def edge(
     config: Path | None,

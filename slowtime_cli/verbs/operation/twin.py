@@ -8,7 +8,6 @@ from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING, SettingsFile
 from slowtime_cli.shared.help_pages import Rare
 from slowtime_cli.shared.options import Database, connect_option, credentials_option
-from slowtime_cli.shared.settings import setting, settings_option
 
 
 @click.command(
@@ -85,13 +84,12 @@ underscores); flags overrule the environment, which overrules the file.
     "another node if one is lost (needs slowtime[ray]; see docs/shards.md).  [default: "
     "local]",
 )
-@settings_option(
-    setting(
-        "--published-on-loopback",
-        is_flag=True,
-        help="Only this computer reaches the port, for instance a container's port published "
-        "on 127.0.0.1 only.",
-    ),
+@click.option(
+    "--published-on-loopback",
+    cls=Rare,
+    is_flag=True,
+    help="Only this computer reaches the port, for instance a container's port published "
+    "on 127.0.0.1 only.",
 )
 def twin(tls_certificate: Path | None, tls_key: Path | None, **_given: object) -> None:
     """Run the twin server: features in; estimates, REST and page out.

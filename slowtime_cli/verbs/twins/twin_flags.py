@@ -75,8 +75,8 @@ def refuse_incomplete_query(
         raise click.UsageError("SOURCE and --server exclude each other. Give one of them.")
     if server is not None and events is not None:
         raise click.UsageError(
-            "--events goes with SOURCE. Record events of a server's twin with `slowtime twin "
-            "event add --file`."
+            "A file of events goes with SOURCE. Record events of a server's twin with "
+            "`slowtime twin event add --file`."
         )
     if server is not None and asset is None:
         raise click.UsageError("--server needs --asset SITE.ASSET.")

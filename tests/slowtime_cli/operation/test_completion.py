@@ -6,7 +6,8 @@ import sys
 import click
 import pytest
 
-from slowtime_cli.__main__ import VERBS, app
+from slowtime_cli.__main__ import app
+from slowtime_cli.verbs.tree import VERBS
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
@@ -36,6 +37,7 @@ def test_bash_accepts_the_script(run):
         ("slowtime twin f", 2, {"forecast"}),
         ("slowtime twin --ho", 2, {"--host"}),
         ("slowtime whatif --lo", 2, {"--load"}),
+        ("slowtime identify --reading time", 3, {"time_column=", "time_unit="}),
         ("slowtime edge --sim", 2, {"--simulate"}),
         ("slowtime simulate --structure t", 3, {"tank", "tower"}),
     ],

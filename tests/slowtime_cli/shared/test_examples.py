@@ -65,7 +65,8 @@ def parse(arguments: list[str]) -> None:
         if FILE.fullmatch(word):
             open(word, "a").close()
     assert arguments[0] in VERBS
-    command, context = app, click.Context(app, info_name="slowtime")
+    command: click.Command = app
+    context = click.Context(app, info_name="slowtime")
     while isinstance(command, click.Group):
         inner = command.make_context("slowtime", arguments, parent=context)
         name, found, arguments = command.resolve_command(
