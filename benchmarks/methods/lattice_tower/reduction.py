@@ -99,12 +99,13 @@ def reduce_by_command(model: Path, out: Path) -> ProcessCost:
         Where the command fails.
     """
     given = [
+        "model",
         "reduce",
         str(model),
         "--modes",
         str(MODES),
-        "--span",
-        str(SPAN),
+        "--setting",
+        f"span={SPAN}",
         "--setting",
         "trials=0",
     ]

@@ -119,7 +119,7 @@ def _json_lies() -> list[Case]:
         "quotes": '{"' * 2_000_000,
         "escapes": '"' + "\\" * 4_000_001,
     }
-    command = ("evolve", "{file}", "--nominal-hz", "5", "--setting", "learn_epochs=2")
+    command = ("twin", "evolve", "{file}", "--nominal-hz", "5", "--setting", "learn_epochs=2")
     return [
         Case(f"json_of_{name}", "modes.json", _modes, text(lie), command)
         for name, lie in lies.items()
@@ -196,7 +196,7 @@ NASTRAN = {
 
 
 def _meshes() -> list[Case]:
-    command = ("convert", "{file}", "--out", "m.yaml")
+    command = ("model", "convert", "{file}", "--out", "m.yaml")
     return [
         Case(f"abaqus_of_{name}", "m.inp", text(MESH), text(lie), command, name in HARMLESS)
         for name, lie in ABAQUS.items()
@@ -461,7 +461,7 @@ def _matrix_cases() -> list[Case]:
         ".op4": (output4, (output4_of_more_rows, output4_of_more_numbers)),
         ".pch": (dmig, (dmig_of_digits,)),
     }
-    command = ("reduce", "{file}", "--modes", "2", "--out", "r.npz")
+    command = ("model", "reduce", "{file}", "--modes", "2", "--out", "r.npz")
     return [
         Case(
             f"matrix_{lie.__name__}",
@@ -558,7 +558,7 @@ def _results() -> list[Case]:
         "one_field": HISTORY + '"' + "1," * 3_000_000,
         "blanks": HISTORY + " " * 20_000_000,
     }
-    merge = ("merge", "{file}", "{file}", "--out", "o.json")
+    merge = ("modes", "merge", "{file}", "{file}", "--out", "o.json")
     return [
         Case(f"result_of_{name}", "m.json", text(whole), text(lie), merge)
         for name, lie in lies.items()
@@ -603,7 +603,7 @@ CASES: list[Case] = [
     *_texts("problem", "p.yaml", PROBLEM, ("reliability", "{file}", "--method", "form")),
     *_texts(
         "composite", "c.yaml", "members: [demo.tower]\n",
-        ("composite", "add", "{file}", "--id", "demo.yard", "--server", "http://127.0.0.1:9"),
+        ("twin", "composite", "add", "{file}", "--id", "demo.yard", "--server", "http://127.0.0.1:9"),
     ),
     *_formulas(),
     *_json_lies(),

@@ -18,6 +18,6 @@ def test_the_unit_of_a_clock_can_be_told(tmp_path, unit, rate):
 
 
 def test_what_a_file_leaves_open_can_be_told_on_the_command_line():
-    said = CliRunner().invoke(diagnose, ["--help"]).output
+    said = CliRunner().invoke(diagnose, ["--help-all"]).output
     for flag in ("time_unit=", "date_order=", "wrapped=[yes|no]"):
         assert flag in said
