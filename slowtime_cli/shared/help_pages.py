@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from .examples import HEADING
+from .former_options import in_current_words
 
 SCREEN = 45
 """Lines of the plain help [1]: a terminal window of usual height."""
@@ -25,20 +26,6 @@ GROUPS = {
 }
 """Heading → options below it; the others stand below "Options"."""
 MORE = "All options and examples: {command} --help-all"
-MOVED = {
-    "--band": "Use `--band-hz LOW HIGH`.",
-    "--channel": "Use `--channels`.",
-    "--events": "Use `--setting events=FILE`.",
-    "--fast": "Use `--speed 0`.",
-    "--json": "Use `--out -` for JSON on standard output, or `--out FILE.json`.",
-    "--out-model": "Use `--out FILE.yaml`.",
-    "--plot": "Use `--report FILE.html`.",
-    "--recording": "Use `--file`, which takes recordings, too.",
-    "--slow-time": "Use `--at slow:NUMBER`.",
-    "--twin": "Use `--asset SITE.ASSET`.",
-}
-"""Option that is gone from several verbs → what replaces it."""
-
 _RANGE = re.compile(r"\s*\[[^][]*x[<>][^][]*\]$|; (?:[\d.-]+<=?)?x(?:[<>]=?[\d.-]+)?(?=\]$)")
 """Range of a number, as click puts it behind the help of an option."""
 
@@ -67,16 +54,8 @@ class Documented(click.Command):
         return [*super().get_params(ctx), self._help_all]
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Say what has replaced an option that is gone."""
-        try:
-            return super().parse_args(ctx, args)
-        except click.NoSuchOption as error:
-            moved = replacement(self, error.option_name)
-            if moved is None:
-                raise
-            raise click.UsageError(
-                f"No such option: {error.option_name}. {moved}", ctx
-            ) from None
+        """Take options by their former names, too."""
+        return super().parse_args(ctx, in_current_words(self, args))
 
     def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the longest form that fits a screen, or all of it where that was asked for."""
@@ -135,19 +114,6 @@ class DocumentedGroup(Documented, click.Group):
                 [(name, one.get_short_help_str(limit=100)) for name, one in found if one],
             )
         ]
-
-
-def replacement(command: click.Command, option: str) -> str | None:
-    """Return what has replaced an option that a command no longer has; None if nothing."""
-    if any(option in (*one.opts, *one.secondary_opts) for one in command.params):
-        return None
-    for parameter in command.params:
-        for key, setting in getattr(parameter, "settings", {}).items():
-            if option in (*setting.opts, *setting.secondary_opts):
-                value = "no" if option in setting.secondary_opts else "VALUE"
-                value = "yes" if setting.is_flag and value == "VALUE" else value
-                return f"Use `{parameter.opts[0]} {key}={value}`."
-    return MOVED.get(option)
 
 
 def _print_all(ctx: click.Context, _param: click.Parameter, asked: bool) -> None:

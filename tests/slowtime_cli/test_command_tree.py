@@ -9,7 +9,8 @@ import click
 import pytest
 
 from slowtime_cli.__main__ import app
-from slowtime_cli.shared.help_pages import SCREEN, Rare, replacement
+from slowtime_cli.shared.former_options import in_current_words
+from slowtime_cli.shared.help_pages import SCREEN, Rare
 from slowtime_cli.verbs.tree import OLD_NAMES, VERBS
 from tests.slowtime_cli.command_tree import commands, leaf_options
 
@@ -96,23 +97,33 @@ def test_router_with_options_runs_the_router(refused):
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("verb", "given", "now"),
     [
-        (("identify", "a.csv", "--skip-lines", "3"), "Use `--reading skip_lines=VALUE`."),
-        (("identify", "a.csv", "--not-wrapped"), "Use `--reading wrapped=no`."),
-        (("reliability", "a.yaml", "--json"), "Use `--out -` for JSON"),
-        (("fatigue", "a.csv", "--sn", "3"), "Use `--setting sn=VALUE`."),
-        (("edge", "--raw"), "Use `--setting raw=yes`."),
+        (("identify",), "a.csv --skip-lines 3 --json", "a.csv --reading skip_lines=3 --out -"),
+        (("identify",), "--not-wrapped a.csv", "--reading wrapped=no a.csv"),
+        (("reliability",), "a.yaml --json", "a.yaml --out -"),
+        (("fatigue",), "a.csv --sn=3", "a.csv --setting sn=3"),
+        (("edge",), "--raw --recording a.mcap", "--setting raw=yes --file a.mcap"),
+        (("modes", "distortion"), "a.csv --band 1 3", "a.csv --band-hz 1 3"),
+        (("replay",), "a.mcap --fast", "a.mcap --speed 0"),
+        (("identify",), "--out --json -- --json", "--out --out - -- --json"),
     ],
 )
-def test_an_option_that_is_gone_names_what_replaces_it(refused, words, told):
-    assert told in refused(*words)
+def test_an_option_by_its_former_name_is_taken_and_names_the_new_one(verb, given, now, capsys):
+    command = dict((words, one) for words, one, _ in commands())[" ".join(verb)]
+    assert in_current_words(command, given.split()) == now.split()
+    told = capsys.readouterr().err
+    assert "the old name ends with release 0.4" in told
+    assert in_current_words(command, now.split()) == now.split()
+    assert capsys.readouterr().err == ""
 
 
-def test_no_option_is_said_to_replace_itself():
-    for _, command, _ in commands():
-        for option in (one for one in command.params if isinstance(one, click.Option)):
-            assert replacement(command, option.opts[0]) is None
+def test_a_former_name_without_its_value_is_refused(refused):
+    assert "--skip-lines needs 1 more" in refused("identify", "a.csv", "--skip-lines")
+
+
+def test_what_a_verb_never_had_is_refused(refused):
+    assert "No such option '--raw'" in refused("identify", "a.csv", "--raw")
 
 
 def strings(package: str) -> Iterator[tuple[Path, int, str]]:
