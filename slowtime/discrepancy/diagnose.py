@@ -43,6 +43,7 @@ from .refinement.constant_offsets import offsets, with_mean_offsets, with_offset
 from .refinement.convergence import converge, converge_stick_slip
 from .refinement.elimination import eliminate_needless
 from .refinement.harmful_effects import drop_harmful_effects
+from .refinement.limit_laws import name_limits
 from .refinement.natural_values import hold_natural_values
 from .refinement.relocation import relocate
 from .report.free_runs import report
@@ -234,6 +235,7 @@ def _refined(
     found = drop_harmful_effects(found, campaign)
     if not found.combined:
         found = eliminate_needless(found, found.trials, kinds)
+        found = name_limits(found, kinds)
         found = refute(found, own, kinds)
     if not monitor.is_late:
         campaign, found = with_best_holds(campaign, found, stated, how)

@@ -43,6 +43,7 @@ class Guard:
 GUARDS = (
     Guard("diagnose", "drop_harmful_effects", 0),
     Guard("diagnose", "eliminate_needless", 0),
+    Guard("diagnose", "name_limits", 0),
     Guard("diagnose", "refute", 0),
     Guard("diagnose", "converge", 0),
     Guard("diagnose", "converge_stick_slip", 0),
