@@ -52,6 +52,7 @@ from .search.input_holds import search_with_holds, with_best_holds
 from .search.loop import grow
 from .selection.comparison import explains_all
 from .selection.refutation import refute
+from .time_limit import NO_LIMIT, TimeLimit, limited
 from .validation.free_run import evaluation_trials
 from .wiring import find_rewiring, with_rewiring
 
@@ -71,6 +72,7 @@ def diagnose(
     late: Callable[[], bool] | None = None,
     over: Callable[[], bool] | None = None,
     enough: Stop | None = None,
+    limit: TimeLimit = NO_LIMIT,
 ) -> Diagnosis:
     """Say what a model lacks, where, how much, and how sure that is.
 
@@ -92,8 +94,15 @@ def diagnose(
         Once true, none are: what was found by then is the answer. With `late`, where not given.
     enough
         Once set, what was found by then is the answer, without a force surface.
+    limit
+        Of all that is done, with what follows the search; a note says what it left out.
     """
-    return _diagnose(campaign, kinds, options, Monitor(progress, stop, late, over, enough))
+    with limited(limit):
+        answer = _diagnose(
+            campaign, kinds, options, Monitor(progress, stop, late, over, enough)
+        )
+    notes = (*answer.notes, *([limit.note] if limit.note else ()))
+    return dataclasses.replace(answer, notes=notes)
 
 
 def _diagnose(

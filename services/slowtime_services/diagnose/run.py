@@ -9,6 +9,7 @@ from slowtime.discrepancy.diagnosis import Diagnosis
 from slowtime.discrepancy.large_models import is_large
 from slowtime.discrepancy.progress import Progress, Stop
 from slowtime.discrepancy.search import DEFAULT_OPTIONS, SearchOptions
+from slowtime.discrepancy.time_limit import TimeLimit
 from slowtime.discrepancy.workers import shared_among
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Kind
@@ -46,7 +47,7 @@ LAST_STOP = 2.0
 is left: on a machine half as fast as the reference, or where time goes into what is not
 counted. Source: a decision between a promised end and the same answer on every machine."""
 CLOCK = (
-    "The time limit ended the search: it took more than {limit:g} s of processor time. "
+    "The time limit ended the diagnosis: it took more than {limit:g} s of processor time. "
     "With a higher --patience, or on a faster computer, more effects may be found."
 )
 ENDED = "The search was ended on request: this is what was found by then."
@@ -89,7 +90,9 @@ def diagnose_records(
         Budget of work, in seconds of a reference machine. Once it is used up, what is being
         fitted is given up, and what was found by then is the answer; in the last part of it
         only the likeliest are tried. Work is counted, not timed, so that the same records give
-        the same answer on any machine. As `patience_for` has it where not given.
+        the same answer on any machine. At `LAST_STOP` times as many seconds of processor time
+        all that follows, such as a force surface, is ended too, and a note says what was left
+        out. As `patience_for` has it where not given.
     jobs
         Processes that share the work. The answer does not depend on it. It is done by one where
         this process cannot be forked.
@@ -123,6 +126,7 @@ def diagnose_records(
             enough=enough,
             late=lambda: meter.spent > LATE * WORK_PER_S * allowed_s or is_last_stop(),
             over=lambda: meter.spent > WORK_PER_S * allowed_s or is_last_stop(),
+            limit=TimeLimit(is_last_stop, min(allowed_s / PATIENCE_S, 1.0)),
         )
     used_s, ended = time.monotonic() - begun, None
     clocked: tuple[str, ...] = ()

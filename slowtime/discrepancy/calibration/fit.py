@@ -17,9 +17,11 @@ from slowtime.discrepancy.noise import (
     with_drift,
 )
 from slowtime.discrepancy.records import MIN_SAMPLES, Trial
+from slowtime.discrepancy.time_limit import leave_out
 from slowtime.dynamics.plant import Name, Plant
 
 from .levenberg_marquardt import (
+    CONVERGENCE,
     DEFAULT_CONTROL,
     FitAbandoned,
     FitControl,
@@ -203,7 +205,7 @@ def refit(
     moved = point is not start
     if moved and with_cost(problem, _with_full_states(start, normal), spread).cost < best.cost:
         best, normal, spread = minimise(problem, start, control)
-    if needs_measured_friction(plant, heard):
+    if needs_measured_friction(plant, heard) and not leave_out(CONVERGENCE):
         guided = (
             MeasuredFrictionPlant(plant=plant, trial=trial, noise=heard, number=i)
             for i, trial in enumerate(records)
@@ -252,6 +254,8 @@ def _over_growing_horizons(
     point = start
     whole = [len(trial.outputs) for trial in records]
     for horizon in horizons[:-1]:
+        if leave_out(CONVERGENCE):
+            break
         counts = [prev_fast_len(max(int(horizon * n), min(MIN_SAMPLES, n))) for n in whole]
         problem = _problem(plant, prior, records, noise, counts)
         part = dataclasses.replace(

@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from slowtime.discrepancy.noise import Noise
 from slowtime.discrepancy.records import MIN_SAMPLES, Trial
+from slowtime.discrepancy.time_limit import leave_out
 from slowtime.dynamics.channels import BASE_KINDS
 from slowtime.dynamics.plant import Plant
 from slowtime.dynamics.plant.sensing import sensor_readouts
@@ -50,6 +51,8 @@ def multistart_initial_state(
     wide = np.resize(START_SPREADS, STARTS)[:, None]
     best, least = known, math.inf
     for number, start in enumerate([known, heard, *(wide * size * drawn)]):
+        if number and leave_out("a multistart of initial states"):
+            break
         told = try_refit(
             plant, (trial,), free=[], noise=noise, values=values, states=(start,),
             horizons=MULTISTART_HORIZONS if number else (1.0,),

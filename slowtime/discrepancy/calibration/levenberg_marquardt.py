@@ -8,6 +8,7 @@ import scipy.linalg
 from jaxtyping import Float
 
 from slowtime.discrepancy.records import MIN_SAMPLES, Trial
+from slowtime.discrepancy.time_limit import leave_out
 from slowtime.dynamics.effects import Friction, Law
 from slowtime.dynamics.plant import Plant
 
@@ -16,6 +17,8 @@ from .measured_friction import MeasuredFrictionPlant
 from .prior import Prior
 from .spectral_weights import SpectralWeights
 
+CONVERGENCE = "convergence of fits"
+"""What the time limit of a diagnosis leaves out of a fit, in words."""
 MAX_STEPS = 20
 """[steps] Of one fit at most. Source: docs/what_decides.md: half and double change no
 answer."""
@@ -355,7 +358,7 @@ def minimise(
     damping, slow = INITIAL_DAMPING, 0
     data = sum(weights.data for weights in problem.weights)
     for number in range(MAX_STEPS):
-        if control.has_ended():
+        if control.has_ended() or leave_out(CONVERGENCE):
             break
         beyond = point.cost - WRONG_MODEL_CHI2 * data
         enough = MIN_GAIN
@@ -408,7 +411,8 @@ def _damped_step(
                 return tried, gain, damping
         else:
             tried = with_cost(problem, _apply_step(problem, point, step, normal.states), spread)
-            if tried.cost <= point.cost or gain < enough or damping > MAX_DAMPING:
+            ended = gain < enough or damping > MAX_DAMPING or leave_out(CONVERGENCE)
+            if tried.cost <= point.cost or ended:
                 return tried, gain, damping
         damping, raised = max(damping, MIN_RAISED_DAMPING) * raised, 2 * raised
 
@@ -432,6 +436,8 @@ def _full_steps(
     """
     point, last = start, normal
     for _ in range(FULL_STEPS):
+        if leave_out(CONVERGENCE):
+            break
         try:
             step, gain = _bounded_step(last, 0.0, *_step_bounds(problem, point))
         except np.linalg.LinAlgError:

@@ -34,6 +34,7 @@ from scipy.special import stdtrit
 from slowtime.discrepancy.calibration import WRONG_MODEL_CHI2, Fit, FitControl, try_refit
 from slowtime.discrepancy.noise import Colour, Noise
 from slowtime.discrepancy.records import MIN_SAMPLES, Trial
+from slowtime.discrepancy.time_limit import budget_share, leave_out
 from slowtime.discrepancy.validation.free_run import free_runs, heads_of, relative_errors
 from slowtime.dynamics.work import metered
 
@@ -89,8 +90,8 @@ def refit_to_free_runs(
 ) -> FreeRunRefit | None:
     """Refit the constants to the plain error of free runs, where that predicts better.
 
-    It is given up after `MAX_WORK`, and works though the budget of the search is used up: its
-    fits begin close to where they end.
+    It is given up after `MAX_WORK`, or its share of that in a shorter diagnosis, and works
+    though the budget of the search is used up: its fits begin close to where they end.
 
     Parameters
     ----------
@@ -110,7 +111,8 @@ def refit_to_free_runs(
         def is_late() -> bool:
             if tell is not None:
                 tell()
-            return meter.spent > MAX_WORK
+            over = meter.spent > budget_share() * MAX_WORK
+            return over or leave_out("the refit to free runs")
 
         again = refit_plainly(fit, trials, trials, is_late)
         if again is None or not are_constants_alike(fit, again):

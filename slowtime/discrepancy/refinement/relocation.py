@@ -25,6 +25,7 @@ from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.quoting import requote_all
 from slowtime.discrepancy.selection.probabilities import first_doubts
 from slowtime.discrepancy.thresholds import LIMITS
+from slowtime.discrepancy.time_limit import leave_out
 from slowtime.dynamics.effects import Kind, Place
 from slowtime.dynamics.plant import Plant
 
@@ -64,7 +65,7 @@ def relocate(
     for number, place in _other_places(hypothesis, kinds):
         if among and place.id not in among:
             continue
-        if tell.is_over:
+        if tell.is_over or leave_out("a comparison of effects at other places"):
             exhausted = True
             break
         effect = hypothesis.effects[number].effect

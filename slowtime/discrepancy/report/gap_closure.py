@@ -18,6 +18,7 @@ from slowtime.discrepancy.refinement.force_surface import (
     fit_force_surface,
     surface_band,
 )
+from slowtime.discrepancy.time_limit import budget_share, leave_out
 from slowtime.discrepancy.validation.free_run import (
     FreeRunResult,
     evaluate_free_run,
@@ -28,6 +29,7 @@ from slowtime.dynamics.effects import Kind, Motion, Place
 from .likeness import Likeness, describe_likeness
 
 NO_ELEMENT = "No force surface was fitted: at no element does a force stand out from the noise."
+UNTRIED = "No force surface was fitted: there was no time for it. Raise --patience."
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -86,12 +88,15 @@ def close_gap(
     before, localized = found.first, found.localized
     if localized is None or len(before.states) != len(trials):
         return NO_ELEMENT
+    if leave_out("the force surface"):
+        return UNTRIED
     one = fit_force_surface(before, localized, trials, kinds, demand=demand)
-    if one is None or not _explains(one, before):
+    lost = one is None or not _explains(one, before)
+    if lost and not leave_out("a force surface that begins without a force"):
         flat = fit_force_surface(before, localized, trials, kinds, demand=demand, flat=True)
         one = flat or one
     if one is None:
-        return NO_ELEMENT
+        return UNTRIED if leave_out("the force surface") else NO_ELEMENT
     if not _explains(one, before):
         return (
             f"A force surface was fitted at {one.place}, but not adopted: with it, the "
@@ -144,8 +149,11 @@ def describe_gap_closure(
         "it is extrapolated linearly, which no record supports."
     )
     if not closed.finished:
+        text += " Its fit was stopped by its own computing budget"
         text += (
-            " Its fit was stopped by its own computing budget; --patience does not change that."
+            ", which grows with --patience."
+            if budget_share() < 1
+            else "; --patience does not change that."
         )
     text += _describe_shape(closed.shaped) + _describe_refusals(closed.shaped)
     text += _describe_level(closed)

@@ -147,7 +147,8 @@ Examples:
     type=POSITIVE,
     metavar="SECONDS",
     help="Limit of the search, counted as seconds of a reference machine: no new effects are "
-    f"tried after it.  [default: {PATIENCE_S:g} for up to {MASSES} degrees of freedom, then "
+    "tried after it. The report ends at twice as many seconds of processor time, too, and says "
+    f"what it left out.  [default: {PATIENCE_S:g} for up to {MASSES} degrees of freedom, then "
     f"more in proportion, at most {PATIENCE_S * MORE:g}; {PATIENCE_S * LARGE:g} for large "
     "models, which are reduced]",
 )

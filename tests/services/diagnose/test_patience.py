@@ -59,6 +59,18 @@ def test_a_slow_machine_changes_nothing_before_the_last_stop(told):
     assert told((0.0, 0.5), clock_share=1.01) == [(True, True), (True, True)]
 
 
+def test_a_shorter_patience_bounds_the_report_as_well(told, monkeypatch):
+    limits = []
+    monkeypatch.setattr(run, "TimeLimit", lambda *given: limits.append(given))
+    for patience_s, share in ((0.1 * run.PATIENCE_S, 0.1), (5 * run.PATIENCE_S, 1.0)):
+        told((0.0,), clock_share=1.01, patience_s=patience_s)
+        is_reached, budget_share = limits.pop()
+        assert is_reached()
+        assert budget_share == pytest.approx(share)
+        told((0.0,), clock_share=0.99, patience_s=patience_s)
+        assert not limits.pop()[0]()
+
+
 @pytest.mark.parametrize(("masses", "times"), [(1, 1), (3, 1), (4, 4 / 3), (5, 5 / 3), (30, 2)])
 def test_more_masses_have_a_larger_budget_up_to_twice(masses, times):
     rig = chain([1.0] * masses, [1.0] * masses)

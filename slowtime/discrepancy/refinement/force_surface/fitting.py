@@ -21,10 +21,11 @@ from slowtime.discrepancy.estimation.model_evidence import misfit
 from slowtime.discrepancy.localization import Localization
 from slowtime.discrepancy.noise import Noise
 from slowtime.discrepancy.records import MIN_SAMPLES, Trial
+from slowtime.discrepancy.time_limit import budget_share, leave_out
 from slowtime.dynamics.effects import Effect, Kind, Place, force_along
 from slowtime.dynamics.effects.library.measured_force import MEMORY_SCALES, MEMORY_TERMS, TERMS
 from slowtime.dynamics.plant import Name, Plant
-from slowtime.dynamics.work import metered
+from slowtime.dynamics.work import WorkMeter, metered
 
 from .regression import Regression
 from .scales import fixed_scales
@@ -100,8 +101,9 @@ def fit_force_surface(
     localized
         Where a force explains what that leaves.
     max_work
-        Budget [units of work]; as much again where that fit ends in a wrong minimum, or leaves
-        more than noise with the shape that was demanded or chosen.
+        Budget [units of work] of a diagnosis without a shorter time limit, which gets its share
+        of that; as much again where that fit ends in a wrong minimum, or leaves more than noise
+        with the shape that was demanded or chosen.
     demand
         Shape that the surface is to have, where the records allow it.
     flat
@@ -121,6 +123,7 @@ def fit_force_surface(
     scales = fixed_scales(space.latents)
     if scales is None:
         return None
+    max_work *= budget_share()
     shaped = _chosen_terms(kinds, scales, space, demand)
     if shaped is None:
         return None
@@ -130,6 +133,8 @@ def fit_force_surface(
     if shaped.shape == FREE:
         return found
     if found is not None and _is_at_the_noise(found.fit):
+        return found
+    if leave_out("a force surface of any shape beside that of the chosen shape"):
         return found
     free = _chosen_terms(kinds, scales, space, ANY_SHAPE)
     assert free is not None
@@ -188,7 +193,7 @@ def _fit_terms(
         whole = _fit_from_force(
             shaped, terms.coefficients, before, space, trials, kinds, max_work
         )
-    elif _is_at_the_noise(led.fit):
+    elif _is_at_the_noise(led.fit) or leave_out("small terms of the force surface"):
         return led
     else:
         whole = _fit_further(led, trials, max_work)
@@ -217,13 +222,11 @@ def _fit_from_force(
         values[plant.parameters.index(("effect", number, name))] = value
     free = _free_names(plant, found)
     with metered() as meter:
-        fit, finished = fit_stages(
-            plant, trials, before.noise, free, values, states, lambda: meter.spent > max_work
-        )
-        if fit is None or (finished and _share_left(fit, trials) > MAX_LEFT):
-            other = _from_segments(
-                plant, trials, before.noise, free, values, lambda: meter.spent > 2 * max_work
-            )
+        late, later = _late(meter, max_work), _late(meter, 2 * max_work)
+        fit, finished = fit_stages(plant, trials, before.noise, free, values, states, late)
+        lost = fit is None or (finished and _share_left(fit, trials) > MAX_LEFT)
+        if lost and not leave_out("a force surface by segments of the records"):
+            other = _from_segments(plant, trials, before.noise, free, values, later)
             if other is not None and (
                 fit is None or _share_left(other, trials) < _share_left(fit, trials)
             ):
@@ -240,7 +243,7 @@ def _fit_further(
     with metered() as meter:
         whole, finished = fit_stages(
             fit.plant, trials, fit.noise, free, fit.values, fit.states,
-            lambda: meter.spent > max_work,
+            _late(meter, max_work),
         )  # fmt: skip
     return (
         None
@@ -397,13 +400,18 @@ def _from_no_force(
     plant, values, states = augmented_start(before, effect, kinds)
     free = _free_names(plant, found)
     with metered() as meter:
+        late = _late(meter, max_work)
         fit = try_refit(
             plant, trials, free=free, values=values, states=states, horizons=(1.0,),
-            control=FitControl(is_late=lambda: meter.spent > max_work, keeps_best=True),
+            control=FitControl(is_late=late, keeps_best=True),
         )  # fmt: skip
-    if fit is None:
-        return None
-    return SurfaceFit(place, fit, free, meter.spent <= max_work, shaped)
+        finished = not late()
+    return None if fit is None else SurfaceFit(place, fit, free, finished, shaped)
+
+
+def _late(meter: WorkMeter, max_work: float) -> Late:
+    """Say when a fit ends: by its own budget, or by the time limit of the diagnosis."""
+    return lambda: meter.spent > max_work or leave_out("convergence of the force surface")
 
 
 def _head(trial: Trial, share: float) -> Trial:

@@ -8,6 +8,7 @@ import scipy.signal
 
 from slowtime.discrepancy.calibration import refit
 from slowtime.discrepancy.diagnosis import Rival
+from slowtime.discrepancy.estimation.model_evidence import evidence
 from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.quoting import numbers_of, quoted
 from slowtime.discrepancy.records import Trial
@@ -46,12 +47,12 @@ def accelerations(mass_kg, rider, push):
     return scipy.signal.lsim(system, push, np.arange(len(push)) / RATE)[1]
 
 
-def recorded(mass_kg=0.0, rider=None):
+def recorded(mass_kg=0.0, rider=None, noise_share=0.01):
     rng = np.random.default_rng(3)
     filtered = scipy.signal.butter(6, TOP_HZ, fs=RATE, output="sos")
     push = 8.0 * scipy.signal.sosfiltfilt(filtered, rng.standard_normal(4000))
     clean = accelerations(mass_kg, rider, push)
-    noise = 0.01 * clean.std(axis=0) * rng.standard_normal(clean.shape)
+    noise = noise_share * clean.std(axis=0) * rng.standard_normal(clean.shape)
     held = dataclasses.replace(EVERY.inputs[0], hold="first")
     described = dataclasses.replace(EVERY, inputs=(held,))
     return described, (Trial(inputs=push[:, None], outputs=clean + noise, rate_hz=RATE),)
@@ -96,6 +97,17 @@ def test_an_oscillator_stays_one_where_its_mass_alone_leaves_more_than_noise():
     near = Effect("extra_dof", NODE, {**RIDER, "frequency_hz": 18.0, "damping_n_s_per_m": 4.0})
     before = hypothesis(described, trials, near)
     assert name_limits(before, KINDS) is before
+
+
+def test_what_it_does_beyond_its_mass_has_to_be_a_thousandth_of_what_was_missing():
+    """By exact sensors the evidence tells it from a mass, as it would of any small flaw."""
+    described, trials = recorded(rider=(0.3, 60.0, 9.0), noise_share=3e-4)
+    before = hypothesis(described, trials, FAST)
+    after = name_limits(before, KINDS)
+    assert evidence(before.last, KINDS) > evidence(after.last, KINDS) + 6.0
+    (named,) = after.effects
+    assert named.effect.kind == "added_mass"
+    assert named.effect.parameters["dm_kg"] == pytest.approx(0.3, rel=0.02)
 
 
 def test_of_other_kinds_nothing_is_tried_instead():

@@ -11,6 +11,7 @@ from slowtime.discrepancy.hypothesis import Hypothesis
 from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.refinement.force_surface import (
+    MAX_WORK,
     SurfaceFit,
     SurfaceShape,
     fit_force_surface,
@@ -18,14 +19,17 @@ from slowtime.discrepancy.refinement.force_surface import (
 from slowtime.discrepancy.report import gap_closure
 from slowtime.discrepancy.report.gap_closure import (
     NO_ELEMENT,
+    UNTRIED,
     ClosedGap,
     close_gap,
     describe_gap_closure,
 )
 from slowtime.discrepancy.report.likeness import likenesses
 from slowtime.discrepancy.report.surface_cuts import measured_force
+from slowtime.discrepancy.time_limit import TimeLimit, limited
 from slowtime.dynamics.effects import Effect, catalogue
 from slowtime.dynamics.plant import Plant
+from slowtime.dynamics.work import metered
 from tests.slowtime.discrepancy.rigs import ONE, PLACE
 
 KINDS, RATE = catalogue(), 128.0
@@ -207,6 +211,40 @@ def test_a_surface_that_leaves_more_than_without_it_is_not_adopted(closed, monke
     assert isinstance(said, str)
     assert "leaves more of the training records than without it" in said
     assert str(PLACE) in said
+
+
+def test_a_time_limit_ends_the_fit_of_a_surface_and_says_so(closed):
+    """The limit is reached once the surface is being fitted, or before it is."""
+    _, found, trials, test = closed
+    asked = []
+
+    def after(calls):
+        asked.clear()
+        return TimeLimit(is_reached=lambda: asked.append(0) or len(asked) > calls)
+
+    none, some = after(0), after(4)
+    with limited(none):
+        told = close_gap(found, trials, (test,), KINDS, held_out=True, error=0.8)
+    assert told == UNTRIED
+    asked.clear()
+    with metered() as meter, limited(some):
+        told = close_gap(found, trials, (test,), KINDS, held_out=True, error=0.8)
+    assert "convergence of the force surface" in some.note
+    assert meter.spent < 0.2 * MAX_WORK
+    assert isinstance(told, str) or not told.finished
+
+
+def test_a_short_diagnosis_fits_a_surface_for_a_short_time(closed):
+    told, found, trials, test = closed
+    with limited(TimeLimit(budget_share=1e-6)):
+        short = close_gap(found, trials, (test,), KINDS, held_out=True, error=0.8)
+    assert isinstance(short, ClosedGap)
+    assert not short.finished
+    like = likenesses(short.fit, PLACE, found, KINDS)
+    with limited(TimeLimit(budget_share=1e-6)):
+        said = describe_gap_closure(short, 0.8, like, KINDS)
+    assert "grows with --patience" in said
+    assert told.finished
 
 
 def test_where_nothing_but_noise_is_left_no_surface_is_fitted():
