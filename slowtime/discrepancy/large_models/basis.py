@@ -17,12 +17,13 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
+import scipy.fft
 import scipy.linalg
 from jaxtyping import Float
 
 from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.structure import Structure
-from slowtime.signals.spectra import detrended, periodogram
+from slowtime.signals.spectra import detrended
 
 BAND_POWER = 0.999
 """[share of power] Of the inputs that lies in their band. Source: what is left is a thirtieth
@@ -46,12 +47,15 @@ def band_limit_hz(trials: Sequence[Trial]) -> float:
     """Frequency [Hz] below which nearly all power of the inputs lies; 0 without any."""
     highest = 0.0
     for trial in trials:
-        spectrum = periodogram(detrended(trial.inputs), trial.rate_hz)
-        for power in spectrum.density.T:
+        # Cosines continue a record as its mirror image. Periodic continuation would jump from
+        # its end to its begin, and leak over all lines; a taper would hide a hit at the begin.
+        spectrum = scipy.fft.dct(detrended(trial.inputs), axis=0) ** 2
+        for power in spectrum.T:
             if power.any():
                 below = np.cumsum(power) / power.sum()
                 at = int(np.searchsorted(below, BAND_POWER))
-                highest = max(highest, float(spectrum.frequency_hz[min(at, len(below) - 1)]))
+                line = min(at, len(power) - 1)
+                highest = max(highest, line * trial.rate_hz / (2 * len(power)))
     return highest
 
 

@@ -9,6 +9,7 @@ from slowtime.discrepancy.large_models import is_large, reasons_against, reduce_
 from slowtime.discrepancy.large_models.basis import BandModes, band_limit_hz
 from slowtime.discrepancy.large_models.reduction import Kept, reduce_model
 from slowtime.discrepancy.progress import Monitor
+from slowtime.discrepancy.records import Trial
 from slowtime.dynamics.description import OpenJoint, Support, assemble
 from slowtime.dynamics.effects import Effect, Place, catalogue
 from slowtime.dynamics.plant import Plant
@@ -29,6 +30,20 @@ def reduced(given):
 
 def test_the_band_is_that_of_the_forces(given):
     assert band_limit_hz(given.trials) == pytest.approx(BAND_HZ, rel=0.01)
+
+
+def test_a_record_that_ends_amid_a_period_has_the_band_of_its_force():
+    times = np.arange(1000) / 50.0
+    force = np.cos(2 * np.pi * 2.025 * times)[:, None]
+    trial = Trial(inputs=force, outputs=np.zeros((1000, 1)), rate_hz=50.0)
+    assert band_limit_hz([trial]) == pytest.approx(2.025, abs=0.2)
+
+
+def test_a_hit_at_the_begin_of_a_record_drives_all_frequencies():
+    force = np.zeros((1000, 1))
+    force[0] = 1.0
+    trial = Trial(inputs=force, outputs=np.zeros((1000, 1)), rate_hz=50.0)
+    assert band_limit_hz([trial]) > 20.0
 
 
 def test_readings_are_those_of_the_large_model(given, reduced):
