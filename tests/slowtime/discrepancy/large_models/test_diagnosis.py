@@ -49,6 +49,7 @@ PLACES = {
 CASES = {
     "spring": (add_spring, "missing_spring", "n61-n121", lambda t: 0.05 * t.k),
     "support": (add_support, "missing_spring", "base-n96", lambda t: 0.01 * t.k),
+    "damper": (add_damper, "missing_damper", "n46-n161", lambda t: 2.0 * t.c),
     "mass": (add_mass, "added_mass", "n78", lambda t: 6.0),
 }
 
