@@ -63,15 +63,7 @@ def campaign(
     change(true)
     sensors = [int(masses * (0.05 + 0.1 * i)) for i in range(10)]
     pushed = [int(0.185 * masses), int(0.715 * masses)]
-    trials = []
-    for _ in range(2):
-        count = int((seconds + BEFORE_S) * RATE_HZ * OVER)
-        forces = np.stack([_random_force(rng, count) for _ in pushed], axis=1)
-        made = _accelerations(true, forces, pushed)[:, sensors]
-        first = int(BEFORE_S * RATE_HZ)
-        seen, force = made[first:], forces[::OVER][first:]
-        noise = 0.01 * seen.std(axis=0) * rng.standard_normal(seen.shape)
-        trials.append(Trial(inputs=force, outputs=seen + noise, rate_hz=RATE_HZ))
+    trials = [recorded(true, sensors, pushed, rng, seconds=seconds) for _ in range(2)]
     ends = [BASE, *(f"n{i + 1}" for i in range(masses)), BASE]
     model = Description(
         name="chain",
@@ -95,14 +87,33 @@ def campaign(
     return Campaign(description=model, trials=tuple(trials))
 
 
+def recorded(
+    true: Matrices,
+    sensors: list[int],
+    pushed: list[int],
+    rng: np.random.Generator,
+    *,
+    seconds: float,
+    band_hz: float = BAND_HZ,
+) -> Trial:
+    """Accelerations under random forces, with 1 % of noise, from long after the start."""
+    count = int((seconds + BEFORE_S) * RATE_HZ * OVER)
+    forces = np.stack([_random_force(rng, count, band_hz) for _ in pushed], axis=1)
+    made = _accelerations(true, forces, pushed)[:, sensors]
+    first = int(BEFORE_S * RATE_HZ)
+    seen, force = made[first:], forces[::OVER][first:]
+    noise = 0.01 * seen.std(axis=0) * rng.standard_normal(seen.shape)
+    return Trial(inputs=force, outputs=seen + noise, rate_hz=RATE_HZ)
+
+
 def _chain(values: np.ndarray) -> np.ndarray:
     beside = values[1:-1]
     return np.diag(values[:-1] + values[1:]) - np.diag(beside, 1) - np.diag(beside, -1)
 
 
-def _random_force(rng: np.random.Generator, count: int) -> np.ndarray:
+def _random_force(rng: np.random.Generator, count: int, band_hz: float) -> np.ndarray:
     frequency = np.fft.rfftfreq(count, 1 / (RATE_HZ * OVER))
-    inside = (frequency > 0.3) & (frequency < BAND_HZ)
+    inside = (frequency > 0.3) & (frequency < band_hz)
     lines = np.zeros(len(frequency), dtype=complex)
     lines[inside] = rng.standard_normal((int(inside.sum()), 2)) @ [1.0, 1.0j]
     series = np.fft.irfft(lines, count)

@@ -1,27 +1,18 @@
 """Missing parts of a chain of 200 masses whose 402 constants are off within tolerances."""
 
-import resource
-import time
-
 import numpy as np
 import pytest
 
-from slowtime.discrepancy.diagnose import diagnose
 from slowtime.discrepancy.large_models import reduce_for
 from slowtime.discrepancy.large_models.screening import KEPT_PAIRS
 from slowtime.discrepancy.progress import Monitor
 from slowtime.dynamics.description import OpenJoint, assemble
 from slowtime.dynamics.effects import catalogue
-from slowtime.dynamics.work import metered
+from tests.slowtime.discrepancy.large_models.budgets import MOST_KB, MOST_S, WORK, diagnosed
 from tests.slowtime.discrepancy.large_models.chains import Matrices, campaign, link
 
-WORK = 350 * 2.3e8
-"""[units of work] Budget that a diagnosis of many coordinates gets by itself."""
 LITTLE_WORK = 140 * 2.3e8
 """[units of work] Budget that ends before a support is compared with its neighbours."""
-MOST_S = 400.0
-"""[s] Processor time of one diagnosis on a machine of two cores."""
-MOST_KB = 2_000_000
 
 
 def add_spring(true):
@@ -52,18 +43,6 @@ CASES = {
     "damper": (add_damper, "missing_damper", "n46-n161", lambda t: 2.0 * t.c),
     "mass": (add_mass, "added_mass", "n78", lambda t: 6.0),
 }
-
-
-def diagnosed(given, work=WORK):
-    begun = time.process_time()
-    with metered() as meter:
-        answer = diagnose(
-            given, late=lambda: meter.spent > 0.7 * work, over=lambda: meter.spent > work
-        )
-    spent = time.process_time() - begun
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    print(f"{answer.verdict}: {spent:.0f} s of processor time, {peak / 1e6:.2f} GB")
-    return answer, spent, peak
 
 
 @pytest.mark.long
