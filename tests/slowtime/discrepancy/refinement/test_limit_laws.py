@@ -43,7 +43,7 @@ def accelerations(mass_kg, rider, push):
     load = np.zeros((2 * size, 1))
     load[size + 2] = 1 / masses[2]
     whole = np.vstack([np.eye(size, 2 * size, size), speeds])
-    system = scipy.signal.StateSpace(whole, load, speeds[:3], load[size : size + 3])
+    system = (whole, load, speeds[:3], load[size : size + 3])
     return scipy.signal.lsim(system, push, np.arange(len(push)) / RATE)[1]
 
 
@@ -69,7 +69,8 @@ def hypothesis(described, trials, effect, rivals=()):
 
 def test_an_oscillator_that_is_faster_than_the_records_is_named_as_a_mass():
     rivals = (Rival("added_mass", NODE, 0.25), Rival("stiffness_loss", NODE, 0.05))
-    before = hypothesis(*recorded(mass_kg=0.3), FAST, rivals)
+    described, trials = recorded(mass_kg=0.3)
+    before = hypothesis(described, trials, FAST, rivals)
     after = name_limits(before, KINDS)
     (named,) = after.effects
     assert (named.effect.kind, named.effect.place) == ("added_mass", NODE)
@@ -111,5 +112,6 @@ def test_what_it_does_beyond_its_mass_has_to_be_a_thousandth_of_what_was_missing
 
 
 def test_of_other_kinds_nothing_is_tried_instead():
-    before = hypothesis(*recorded(mass_kg=0.3), Effect("added_mass", NODE, {"dm_kg": 0.2}))
+    described, trials = recorded(mass_kg=0.3)
+    before = hypothesis(described, trials, Effect("added_mass", NODE, {"dm_kg": 0.2}))
     assert name_limits(before, KINDS) is before

@@ -1,6 +1,7 @@
 """A gap without a name is closed by a surface where that does better, and a note says so."""
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
@@ -214,19 +215,14 @@ def test_a_surface_that_leaves_more_than_without_it_is_not_adopted(closed, monke
 
 
 def test_a_time_limit_ends_the_fit_of_a_surface_and_says_so(closed):
-    """The limit is reached once the surface is being fitted, or before it is."""
+    """The limit is reached before a surface is fitted, or after four questions for it."""
     _, found, trials, test = closed
-    asked = []
-
-    def after(calls):
-        asked.clear()
-        return TimeLimit(is_reached=lambda: asked.append(0) or len(asked) > calls)
-
-    none, some = after(0), after(4)
+    asked = itertools.count()
+    none = TimeLimit(is_reached=lambda: True)
+    some = TimeLimit(is_reached=lambda: next(asked) >= 4)
     with limited(none):
         told = close_gap(found, trials, (test,), KINDS, held_out=True, error=0.8)
     assert told == UNTRIED
-    asked.clear()
     with metered() as meter, limited(some):
         told = close_gap(found, trials, (test,), KINDS, held_out=True, error=0.8)
     assert "convergence of the force surface" in some.note
