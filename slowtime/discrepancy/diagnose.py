@@ -52,7 +52,6 @@ from .search.input_holds import search_with_holds, with_best_holds
 from .search.loop import grow
 from .selection.comparison import explains_all
 from .selection.refutation import refute
-from .time_limit import NO_LIMIT, TimeLimit, limited
 from .validation.free_run import evaluation_trials
 from .wiring import find_rewiring, with_rewiring
 
@@ -72,7 +71,6 @@ def diagnose(
     late: Callable[[], bool] | None = None,
     over: Callable[[], bool] | None = None,
     enough: Stop | None = None,
-    limit: TimeLimit = NO_LIMIT,
 ) -> Diagnosis:
     """Say what a model lacks, where, how much, and how sure that is.
 
@@ -93,16 +91,10 @@ def diagnose(
     over
         Once true, none are: what was found by then is the answer. With `late`, where not given.
     enough
-        Once set, what was found by then is the answer, without a force surface.
-    limit
-        Of all that is done, with what follows the search; a note says what it left out.
+        Once set, what was found by then is the answer, without a force surface. What follows
+        the search ends at the limit that `time_limit.limited` sets.
     """
-    with limited(limit):
-        answer = _diagnose(
-            campaign, kinds, options, Monitor(progress, stop, late, over, enough)
-        )
-    notes = (*answer.notes, *([limit.note] if limit.note else ()))
-    return dataclasses.replace(answer, notes=notes)
+    return _diagnose(campaign, kinds, options, Monitor(progress, stop, late, over, enough))
 
 
 def _diagnose(

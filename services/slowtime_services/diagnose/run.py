@@ -9,7 +9,7 @@ from slowtime.discrepancy.diagnosis import Diagnosis
 from slowtime.discrepancy.large_models import is_large
 from slowtime.discrepancy.progress import Progress, Stop
 from slowtime.discrepancy.search import DEFAULT_OPTIONS, SearchOptions
-from slowtime.discrepancy.time_limit import TimeLimit
+from slowtime.discrepancy.time_limit import TimeLimit, limited
 from slowtime.discrepancy.workers import shared_among
 from slowtime.dynamics.description import Description
 from slowtime.dynamics.effects import Kind
@@ -116,7 +116,8 @@ def diagnose_records(
         compile_ahead(workers)
     if not unchecked:
         refuse_nonsense(given.campaign, given.origins, kinds)
-    with metered() as meter, shared_among(workers):
+    limit = TimeLimit(is_last_stop, min(allowed_s / PATIENCE_S, 1.0))
+    with metered() as meter, shared_among(workers), limited(limit):
         found = diagnose(
             given.campaign,
             kinds=kinds,
@@ -126,10 +127,9 @@ def diagnose_records(
             enough=enough,
             late=lambda: meter.spent > LATE * WORK_PER_S * allowed_s or is_last_stop(),
             over=lambda: meter.spent > WORK_PER_S * allowed_s or is_last_stop(),
-            limit=TimeLimit(is_last_stop, min(allowed_s / PATIENCE_S, 1.0)),
         )
     used_s, ended = time.monotonic() - begun, None
-    clocked: tuple[str, ...] = ()
+    clocked: tuple[str, ...] = (limit.note,) if limit.note else ()
     if found.exhausted:
         ended = SearchEnd(by="budget", budget_s=allowed_s, used_s=used_s)
     if is_last_stop():

@@ -6,6 +6,7 @@ import types
 import numpy as np
 import pytest
 
+from slowtime.discrepancy.time_limit import TimeLimit, limited
 from slowtime.dynamics.builders import chain
 from slowtime.dynamics.description import Input
 from slowtime.dynamics.plant import Plant
@@ -60,15 +61,20 @@ def test_a_slow_machine_changes_nothing_before_the_last_stop(told):
 
 
 def test_a_shorter_patience_bounds_the_report_as_well(told, monkeypatch):
-    limits = []
-    monkeypatch.setattr(run, "TimeLimit", lambda *given: limits.append(given))
+    limits: list[TimeLimit] = []
+
+    def kept(limit):
+        limits.append(limit)
+        return limited(limit)
+
+    monkeypatch.setattr(run, "limited", kept)
     for patience_s, share in ((0.1 * run.PATIENCE_S, 0.1), (5 * run.PATIENCE_S, 1.0)):
         told((0.0,), clock_share=1.01, patience_s=patience_s)
-        is_reached, budget_share = limits.pop()
-        assert is_reached()
-        assert budget_share == pytest.approx(share)
+        limit = limits.pop()
+        assert limit.is_reached()
+        assert limit.budget_share == pytest.approx(share)
         told((0.0,), clock_share=0.99, patience_s=patience_s)
-        assert not limits.pop()[0]()
+        assert not limits.pop().is_reached()
 
 
 @pytest.mark.parametrize(("masses", "times"), [(1, 1), (3, 1), (4, 4 / 3), (5, 5 / 3), (30, 2)])

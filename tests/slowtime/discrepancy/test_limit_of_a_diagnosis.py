@@ -82,10 +82,8 @@ def test_a_diagnosis_ends_soon_after_its_limit():
     few = {name: kind for name, kind in KINDS.items() if kind.is_surface or name in names}
     stages: list[str] = []
     limit = TimeLimit(is_reached=lambda: "validating" in " ".join(stages))
-    found = diagnose(
-        campaign, kinds=few, limit=limit, progress=lambda stage, _: stages.append(stage)
-    )
+    with limited(limit):
+        found = diagnose(campaign, kinds=few, progress=lambda stage, _: stages.append(stage))
     assert found.verdict == "unknown_effect"
-    (told,) = (note for note in found.notes if "time limit" in note)
-    assert "the force surface" in told
+    assert "the force surface" in limit.note
     assert found.measured_force is None
