@@ -11,6 +11,7 @@ import json
 import sys
 from typing import Any
 
+from .batches import MARK
 from .codec import REASONS
 from .frozen import folder, schema_text
 from .messages import Message
@@ -45,6 +46,7 @@ ANSWERED_BY: dict[str, tuple[str, Stream | None]] = {
     "raw": ("edge", RAW),
     "about": ("edge", ABOUT),
     "fatigue": ("edge", FATIGUE),
+    "flush": ("edge", None),
     "registration": ("twin", REGISTRATION),
 }
 """Who answers each of `REQUESTS`, and the stream whose message the answer is."""
@@ -130,6 +132,11 @@ def _message(stream: Stream, schemas: dict[str, Node]) -> Node:
     described = _schema_of(kind, schemas)
     rate = stream.nominal_rate_hz
     more: Node = {} if rate is None else {"x-nominal-rate-hz": rate}
+    if stream is FEATURES:
+        more["x-batch"] = (
+            f"Several messages in one payload: {MARK!r}, then raw DEFLATE of a JSON object "
+            "with the texts between numbers, and the numbers in columns."
+        )
     if stream.message is None:
         # Four magic bytes, the header's length, the header, the samples: see `raw`.
         more["x-header"] = described
@@ -179,8 +186,16 @@ def _request_channel(what: str) -> Node:
             "payload": {"type": "object", "additionalProperties": {"type": "string"}},
         }
     }
-    if ANSWERED_BY[what][1] is None:
-        whole = {"type": "integer", "minimum": 0}
+    whole = {"type": "integer", "minimum": 0}
+    if what == "flush":
+        messages["answer"] = {
+            "payload": {
+                "type": "object",
+                "required": ["sent"],
+                "properties": {"sent": whole},
+            }
+        }
+    elif ANSWERED_BY[what][1] is None:
         messages["answer"] = {
             "payload": {
                 "type": "object",

@@ -6,6 +6,7 @@ from types import MappingProxyType
 from pydantic import ValidationError
 from pydantic_core import from_json, to_json
 
+from .batches import is_batch
 from .messages import Message
 from .migrations import UnknownVersionError, migrate
 from .raw import RawHeader, decode_raw
@@ -15,6 +16,7 @@ REASONS: Mapping[str, str] = MappingProxyType(
     {
         "too_large": "the payload is larger than its stream allows",
         "not_json": "the payload is not JSON",
+        "batch": "several messages in one payload, where one is expected, or a damaged batch",
         "not_raw": "the payload is not a raw block, or is cut short",
         "not_finite": "a number is NaN or infinite",
         "unknown_version": "no version of the message that can be read here",
@@ -64,6 +66,12 @@ def decode(stream: Stream, payload: bytes) -> Message:
         )
     if stream.message is None:
         return _decode_raw(payload)
+    if is_batch(payload):
+        raise Refused(
+            "batch",
+            f"A batch of {stream.name} messages was given, or a damaged one. Allowed: one "
+            "message. Unpack it with slowtime_schemas.batches.unpack.",
+        )
     try:
         message = stream.message.model_validate_json(payload, strict=True)
     except ValidationError as error:

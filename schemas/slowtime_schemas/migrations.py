@@ -132,6 +132,12 @@ def _features_2(payload: Payload) -> Payload:
     return {"units": [], **payload}
 
 
+@MIGRATIONS.step("health", from_version=1)
+def _health_1(payload: Payload) -> Payload:
+    """Come from an agent that sends everything at once."""
+    return {"link": None} | payload
+
+
 @MIGRATIONS.step("state", from_version=1)
 def _state_1(payload: Payload) -> Payload:
     """Come from a twin of one mode, of whose elements nothing was asked."""

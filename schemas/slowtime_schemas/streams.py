@@ -104,12 +104,12 @@ FEATURES = Stream(
     recorded=True,
     sender="edge",
     encoding=JSON,
-    says="edge to twin: frequencies, damping and shapes of one epoch",
+    says="edge to twin: frequencies, damping and shapes of one epoch; or a batch of several",
 )
 HEALTH = Stream(
     name="health",
     message=Health,
-    nominal_rate_hz=1.0,
+    nominal_rate_hz=None,
     recorded=True,
     sender="edge",
     encoding=JSON,
@@ -272,6 +272,7 @@ REQUESTS = {
     "raw": "the last samples from the ring buffer; parameter seconds",
     "about": "the about message",
     "fatigue": "the newest fatigue message of each boot that the agent remembers",
+    "flush": "features that wait at the agent are sent at once; one JSON object, {sent}",
     "registration": "registrations; the twin server answers, for all its twins that match",
 }
 
@@ -313,6 +314,18 @@ def address_of(key: str) -> tuple[str, str] | None:
     parts = current_key(key).split("/")
     is_ours = "/".join(parts[:2]) == ROOT and len(parts) in (6, 7) and len(key) <= LONGEST_KEY
     return (parts[2], parts[-1]) if is_ours else None
+
+
+def is_of_features(key: str) -> bool:
+    """Whether a key, present or former, is of the features of an asset.
+
+    Examples
+    --------
+    >>> is_of_features(FEATURES.key("lab", "beam")), is_of_features(HEALTH.key("lab", "beam"))
+    (True, False)
+    """
+    parts = current_key(key).split("/")
+    return parts[3:4] == [FEATURES.name] and "/".join(parts[:2]) == ROOT
 
 
 def former_key(key: str) -> str | None:

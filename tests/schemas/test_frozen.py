@@ -103,7 +103,7 @@ def test_freezing_again_changes_nothing_and_drift_is_refused(tmp_path, monkeypat
     written = {path: path.read_text() for path in tmp_path.glob("*/v*.json")}
     assert len(written) == len(MESSAGES) + len(DOCUMENTS) + len(EARLIER)
     assert freeze.main([]) == 0
-    path = tmp_path / "health" / "v1.json"
+    path = tmp_path / "health" / "v2.json"
     path.write_text(path.read_text().replace("uptime_s", "up_s"))
     capsys.readouterr()
     assert freeze.main([]) == 2

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field
 
-from slowtime_schemas.messages import Shape
+from slowtime_schemas.messages import LinkProfile, Shape
 from slowtime_schemas.quantities import Estimate
 
 from .base import Extensible, RestAnswer
@@ -223,6 +223,33 @@ class RaisedModel(RestAnswer):
     limit: float
 
 
+class LinkModel(RestAnswer):
+    """Link of an edge agent, as its last health message told."""
+
+    profile: LinkProfile
+    health_within_s: float = Field(
+        description="Longest time from one health message to the next [s].", examples=[900.0]
+    )
+    features_within_s: float = Field(
+        description="Longest time that readings wait at the agent [s].", examples=[900.0]
+    )
+    offline_within_s: float = Field(
+        description="Time after which a silent agent is offline [s].", examples=[120.0]
+    )
+    waiting: int = Field(0, description="Readings that wait at the agent.", examples=[7])
+    held_until_ns: int | None = Field(
+        None, description="When they are sent, where send hours or the budget hold them back."
+    )
+    month_bytes: int = Field(
+        0,
+        description="Estimated bytes of this calendar month (UTC), in both directions.",
+        examples=[81234567],
+    )
+    budget_bytes: int | None = Field(
+        None, description="Bytes that a month may take; null without a budget."
+    )
+
+
 class TwinStatus(OfElements):
     """A twin's latest state or that at an instant, and what holds of it now."""
 
@@ -251,6 +278,11 @@ class TwinStatus(OfElements):
         None,
         description="Counters of the live sensor, as its edge agent told last; null for other "
         "inputs, and before it told. `sensor_silent_s` is 0 while it sends.",
+    )
+    link: LinkModel | None = Field(
+        None,
+        description="Intervals of the agent's messages, and bytes of its link this month; null "
+        "of an agent that sends everything as it is made.",
     )
     raised: tuple[RaisedModel, ...] = Field(
         default=(), description="Alarms that are raised now."

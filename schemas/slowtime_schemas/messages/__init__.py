@@ -19,7 +19,7 @@ from .features import (
     Shape,
     Smoothed,
 )
-from .health import ACK_VERSION, FOREIGN_ACKS, About, Acknowledgement, Health
+from .health import ACK_VERSION, FOREIGN_ACKS, About, Acknowledgement, Health, Link, LinkProfile
 from .ledger import Accepted, Branch, LedgerUpdate, Sha256, SignedHead
 from .twin import Event, Registered, SeenMode, TwinState
 
@@ -39,6 +39,8 @@ __all__ = [
     "Features",
     "Health",
     "LedgerUpdate",
+    "Link",
+    "LinkProfile",
     "Message",
     "Mode",
     "NotNegative",

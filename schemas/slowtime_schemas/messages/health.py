@@ -5,8 +5,11 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, StringConstraints
 
 from slowtime_schemas.quantities import (
+    Count,
     Counters,
     Free,
+    Frozen,
+    Nanoseconds,
     Seconds,
     Sequence,
     StorableSequence,
@@ -21,19 +24,59 @@ FOREIGN_ACKS = "foreign_acks"
 """Counter of `Health`: acknowledgements of readings that another agent must have made."""
 
 
+LinkProfile = Literal["lab", "field", "metered"]
+"""What a link may cost: nothing to speak of, little, or every byte."""
+
+
+class Link(Frozen):
+    """When an agent sends what, so that its silence is not taken for a fault.
+
+    Times are the longest that a healthy agent lets pass while it is connected.
+    """
+
+    profile: Annotated[
+        LinkProfile,
+        Field(description="Profile whose defaults the agent uses; single settings may differ."),
+    ] = "lab"
+    health_within_s: Annotated[
+        Seconds, Field(description="Longest time from one health message to the next [s].")
+    ]
+    features_within_s: Annotated[
+        Seconds,
+        Field(description="Longest time that features wait at the agent before they are sent."),
+    ] = 0.0
+    offline_within_s: Annotated[
+        Seconds,
+        Field(description="Time after which an agent that has become silent is offline [s]."),
+    ]
+    waiting: Annotated[Count, Field(description="Features that wait to be sent.")] = 0
+    held_until_ns: Annotated[
+        Nanoseconds | None,
+        Field(description="When they are sent, where send hours or the budget hold them back."),
+    ] = None
+    month_bytes: Annotated[
+        Count,
+        Field(description="Estimated bytes of this calendar month (UTC), in both directions."),
+    ] = 0
+    budget_bytes: Annotated[
+        Count | None, Field(description="Bytes that a month may take; null without a budget.")
+    ] = None
+
+
 class Health(Message):
     """How an edge agent is doing; also the tail of its account (`last_sequence`)."""
 
     MESSAGE: ClassVar[str] = "health"
-    VERSION: ClassVar[int] = 1
+    VERSION: ClassVar[int] = 2
 
-    version: Literal[1] = 1
+    version: Literal[2] = 2
     last_sequence: Annotated[
         int,
         Field(
             ge=-1,
             lt=2**63,
-            description="Newest features sequence of this boot; -1 before the first.",
+            description="Newest features sequence of this boot that was sent; -1 before the "
+            "first.",
         ),
         StorableSequence,
     ]
@@ -51,6 +94,10 @@ class Health(Message):
     ] = 0
     uptime_s: Seconds
     counters: Counters = Field(default_factory=dict)
+    link: Annotated[
+        Link | None,
+        Field(description="Null of an agent that sends everything as it is made."),
+    ] = None
 
 
 class About(Message):

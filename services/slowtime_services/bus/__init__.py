@@ -15,6 +15,7 @@ from .protocol import (
     Query,
     Sample,
 )
+from .unpacking import UnpackingBus, unpacked
 from .zenoh import ZenohBus
 
 __all__ = [
@@ -31,6 +32,8 @@ __all__ = [
     "Query",
     "Sample",
     "TwoVersionBus",
+    "UnpackingBus",
     "ZenohBus",
     "matches",
+    "unpacked",
 ]

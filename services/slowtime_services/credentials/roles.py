@@ -33,7 +33,7 @@ from slowtime_schemas.streams import (
 
 OF_EDGES = (FEATURES, HEALTH, ABOUT, RAW, FATIGUE, VIRTUAL)
 OF_TWINS = (ACK, STATE, EVENT, REGISTRATION)
-ASKED_OF_EDGES = ("account", "features", "raw", "about", "fatigue")
+ASKED_OF_EDGES = ("account", "features", "raw", "about", "fatigue", "flush")
 ASKED_OF_TWINS = ("registration",)
 LONGEST_NAME = 44
 """So that a common name keeps within the 64 characters of X.509."""
@@ -76,7 +76,7 @@ def edge(site: str, asset: str) -> Role:
         hears=(ACK.key(site, asset), SAMPLES.key(site, asset)),
         subscribes=(ACK.key(site, asset), SAMPLES.key(site, asset)),
         answers=tuple(request_key(site, asset, what) for what in ASKED_OF_EDGES),
-        replies=(*written, request_key(site, asset, "account")),
+        replies=(*written, *(request_key(site, asset, what) for what in ("account", "flush"))),
         announces=(alive_key(site, asset),),
         watches=(alive_key(site, asset),),  # for the health check beside it
     )

@@ -21,7 +21,7 @@ from slowtime_schemas.streams import (
     parse_key,
     request_key,
 )
-from slowtime_services.bus import Bus, Inbox, Sample, TwoVersionBus
+from slowtime_services.bus import Bus, Inbox, Sample, TwoVersionBus, UnpackingBus
 from slowtime_services.clock import Clock, SystemClock
 
 from .recovery import repack
@@ -156,7 +156,7 @@ class Recorder:
         self._writer = RecordingWriter(self._paths[0])
         self._repacking = concurrent.futures.ThreadPoolExecutor(1, "recorder-repack")
         self._began = self._flushed = time.monotonic()
-        bus = TwoVersionBus(bus)
+        bus = TwoVersionBus(UnpackingBus(bus))
         self._healer = Retransmission(bus, self._arrive)
         self._healing, self._closing = FEATURES.name in self._streams, threading.Event()
         self._threads = [

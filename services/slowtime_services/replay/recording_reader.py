@@ -15,7 +15,8 @@ from mcap.stream_reader import StreamReader, breakup_chunk, get_chunk_data_strea
 from mcap.summary import Summary as McapSummary
 from mcap.writer import MCAP0_MAGIC
 
-from slowtime_schemas.streams import STREAMS, Stream, current_key, parse_key
+from slowtime_schemas.batches import is_batch, unpacked_or_whole
+from slowtime_schemas.streams import STREAMS, Stream, current_key, is_of_features, parse_key
 from slowtime_services.reasons import reason_of
 from slowtime_services.record.chunks import Unpacking
 
@@ -128,9 +129,18 @@ def _messages(
                 if message.log_ns >= LAST_NS:
                     raise ValueError("a message in it is stamped after the year 2262")
                 if first <= message.log_ns <= last:
-                    yield message
+                    yield from _unpacked(message)
         except Exception as error:
             raise RecordingError(_is_damaged(path, reason_of(error))) from error
+
+
+def _unpacked(message: RecordedMessage) -> Iterator[RecordedMessage]:
+    """Yield the messages of a batch, as a recorder of another program may have written it."""
+    if not is_batch(message.payload) or not is_of_features(message.key):
+        yield message
+        return
+    for payload in unpacked_or_whole(message.payload):
+        yield message._replace(payload=payload)
 
 
 def _every_message(
