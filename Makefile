@@ -75,9 +75,9 @@ lint: .venv/dev  ## format, lint, strict types, import contracts
 check: lint  ## the same, and docs tests
 	$(BIN)/python -m pytest -q -m "not slow and not long" tests/docs
 
-faults: .venv/dev  ## fault-injection tests of real processes; N=200 SEED=1 SECONDS=60 JOBS=4 SHARDS=1
+faults: .venv/dev  ## fault-injection tests of real processes; N=200 SEED=1 SECONDS=60 JOBS=4 SHARDS=1 LINK=lab
 	$(BIN)/python -m tests.faults --cases $(or $(N),200) --seed $(or $(SEED),1) --seconds $(or $(SECONDS),60) \
-		--jobs $(or $(JOBS),4) --shards $(or $(SHARDS),1) --out var/faults
+		--jobs $(or $(JOBS),4) --shards $(or $(SHARDS),1) --link $(or $(LINK),lab) --out var/faults
 
 mutation: .venv/dev  ## change random lines and report those that no test notices; LINES=200 SEED=1 PACKAGES="slowtime twin_server edge_agent"
 	$(BIN)/python -m tests.mutation --lines $(or $(LINES),200) --seed $(or $(SEED),1) \

@@ -2,6 +2,7 @@
 
 import contextlib
 import datetime
+import functools
 import importlib.metadata
 import logging
 import secrets
@@ -22,6 +23,7 @@ from .acquire import BlockSource, CountingSource, Pacer, check_input, open_sourc
 from .inputs import BoardInput, BoardsInput
 from .pipeline import Edge, listen
 from .publish import Publisher, Spool
+from .publish.uplink import TICK_S
 from .settings import EdgeSettings, Origin
 
 logger = logging.getLogger(__name__)
@@ -161,11 +163,12 @@ def _run_boot(
             spool,
             bus,
             clock,
-            settings.publish,
+            settings.publishing,
             software=f"slowtime {importlib.metadata.version('slowtime')}",
             about=_about(settings),
             traces=traces,
             counts=source.counts if isinstance(source, CountingSource) else None,
+            link=settings.link,
         )
         publisher.open()
         stack.callback(publisher.close)
@@ -178,6 +181,7 @@ def _run_boot(
         with _heartbeat(publisher, settings):
             edge = Edge.of(settings.processing, origin)
             rest = listen(blocks, edge, settings.admission, publisher, clock, stop, assess)
+            publisher.flush_unless_held()
             publisher.health()
             if rest is None and not stop.is_set():
                 publisher.wait_acknowledged(settings.publish.linger_s, stop)
@@ -214,14 +218,19 @@ def _bus(
     A peer connects to all routers it is given, and would send everything to each. A client
     takes the first that answers, and the next one when that dies; but it waits for one.
     """
+    bus = functools.partial(
+        ZenohBus,
+        lease_s=settings.publishing.lease_s,
+        keep_alives=settings.publishing.keep_alives,
+        options=options,
+        clock=clock,
+    )
     if len(settings.connect) == 1:
-        return ZenohBus("peer", settings.connect, options=options, clock=clock)
+        return bus("peer", settings.connect)
     routers = own_order(settings.connect, settings.asset)
 
     def opened() -> ZenohBus:
-        return ZenohBus(
-            "client", routers, open_timeout_s=ATTEMPT_S, options=options, clock=clock
-        )
+        return bus("client", routers, open_timeout_s=ATTEMPT_S)
 
     return BackgroundBus(opened)
 
@@ -257,20 +266,14 @@ def new_boot(clock: Clock) -> str:
 
 @contextlib.contextmanager
 def _heartbeat(publisher: Publisher, settings: EdgeSettings) -> Iterator[None]:
-    """Publish health and, less often, `About`, from a thread of its own."""
+    """Publish what is due, such as health, from a thread of its own."""
     over = threading.Event()
+    every_s = min(settings.publishing.health_every_s, TICK_S)
 
     def beat() -> None:
-        every = settings.publish.health_every_s
-        beats = 0
-        while not over.wait(every):
-            beats += 1
+        while not over.wait(every_s):
             try:
-                publisher.health()
-                if int(beats * every / settings.publish.about_every_s) > int(
-                    (beats - 1) * every / settings.publish.about_every_s
-                ):
-                    publisher.about()
+                publisher.tick()
             except Exception:
                 publisher.count("failed_heartbeats")
                 logger.exception("Health could not be published; the next one follows.")

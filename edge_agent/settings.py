@@ -15,9 +15,10 @@ from pydantic import (
 )
 from pydantic_settings import SettingsConfigDict
 
-from slowtime_schemas.messages import About, TimeBase
+from slowtime_schemas.messages import About, LinkProfile, TimeBase
 from slowtime_schemas.quantities import AS_STORED, BootId, Immutable, Name, Plain, PlainText
 from slowtime_services.configuration import ProcessSettings
+from slowtime_services.link_profiles import INTERVALS, KEEP_ALIVE_BYTES, LEASES
 from slowtime_services.virtual_sensors.settings import Asked, PointCurve
 
 from .inputs import BoardsInput, LiveInput
@@ -28,9 +29,12 @@ if TYPE_CHECKING:
 else:
     EvolvingStructure = VirtualSettings = Any
 
+LONGEST_MONTH_S = 31 * 86_400.0
+
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Band = tuple[NotNegative, Positive]
+Hour = Annotated[float, Field(ge=0, le=24)]
 
 
 class Origin(Immutable):
@@ -285,9 +289,59 @@ class PublishSettings(Immutable):
     """Seconds of raw samples kept for those who ask; a diagnosis wants thirty or more."""
     ring_bytes: Annotated[int, Field(ge=1_024)] = 64 * 2**20
     health_every_s: Positive = 1.0
+    """Longest time from one health message to the next; a change is sent within a second."""
     about_every_s: Positive = 30.0
+    features_every_s: NotNegative = 0.0
+    """How long features are gathered into a batch; 0 to send each as it is made. Surprises are
+    sent at once, with all that waits."""
+    surprise_sd: Positive = 5.0
+    """Deviation of a frequency from the median of the last readings that is a surprise, in
+    standard deviations of both."""
+    send_hours: tuple[Hour, Hour] | None = None
+    """Hours of the day (UTC) between which batches are sent, such as 22 and 4; None for any."""
+    budget_mb: Positive | None = None
+    """Megabytes (10^6) of a calendar month (UTC), both directions and all headers included.
+    Batches become longer to keep it, and wait once it is spent."""
+    lease_s: Annotated[float, Field(ge=1, le=86_400)] = 5.0
+    """Time after which a silent agent is offline; one that ends or is killed is so at once."""
+    keep_alives: Annotated[int, Field(ge=2, le=100)] = 4
+    """Keep-alives in that time."""
     linger_s: NotNegative = 10.0
     """How long to wait, once the input has ended, for the twin to acknowledge everything."""
+
+    @model_validator(mode="after")
+    def _hours_differ(self) -> "PublishSettings":
+        if self.send_hours is not None and self.send_hours[0] == self.send_hours[1]:
+            raise ValueError(
+                f"send_hours={self.send_hours} begin and end at the same hour. Give two "
+                "different hours (UTC), or leave them out to send at any."
+            )
+        return self
+
+    @property
+    def budget_bytes(self) -> int | None:
+        """Bytes that a month may take."""
+        return None if self.budget_mb is None else round(1e6 * self.budget_mb)
+
+    @property
+    def keep_alive_s(self) -> float:
+        """Time from one keep-alive to the next [s]."""
+        return self.lease_s / self.keep_alives
+
+    def of_profile(self, profile: LinkProfile) -> "PublishSettings":
+        """Return the settings with the defaults of a profile for all that was not given.
+
+        Examples
+        --------
+        >>> chosen = PublishSettings(lease_s=60).of_profile("metered")
+        >>> chosen.lease_s, chosen.features_every_s
+        (60.0, 900.0)
+        """
+        defaults = {**INTERVALS[profile], **LEASES[profile]._asdict()}
+        given = self.model_fields_set
+        return self.model_copy(
+            update={name: value for name, value in defaults.items() if name not in given}
+        )
 
 
 class VirtualStageSettings(Immutable):
@@ -377,6 +431,8 @@ class EdgeSettings(ProcessSettings):
     fatigue: FatigueSettings = FatigueSettings()
     spool: SpoolSettings = SpoolSettings()
     publish: PublishSettings = PublishSettings()
+    link: LinkProfile = "lab"
+    """What the link to the router may cost: it gives `publish` its defaults."""
 
     @model_validator(mode="after")
     def _keeps_the_mean_of_covariates(self) -> "EdgeSettings":
@@ -386,6 +442,23 @@ class EdgeSettings(ProcessSettings):
                 "extract.covariates are. Leave highpass_hz out: identification needs none."
             )
         return self
+
+    @model_validator(mode="after")
+    def _can_keep_its_budget(self) -> "EdgeSettings":
+        publishing = self.publishing
+        least_mb = LONGEST_MONTH_S * KEEP_ALIVE_BYTES / publishing.keep_alive_s / 1e6
+        if publishing.budget_mb is not None and publishing.budget_mb < 2 * least_mb:
+            raise ValueError(
+                f"publish.budget_mb={publishing.budget_mb:g} is too small: keep-alives every "
+                f"{publishing.keep_alive_s:g} s take {least_mb:.3g} MB a month. Give at least "
+                f"{2 * least_mb:.3g} MB, or a longer publish.lease_s."
+            )
+        return self
+
+    @property
+    def publishing(self) -> PublishSettings:
+        """Settings of publishing, with the defaults of the link's profile."""
+        return self.publish.of_profile(self.link)
 
     @property
     def processing(self) -> Processing:

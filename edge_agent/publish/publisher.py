@@ -15,6 +15,7 @@ import numpy as np
 
 from edge_agent.settings import Origin, PublishSettings
 from slowtime.signals.block import Block
+from slowtime_schemas.batches import BATCH_ENCODING, pack
 from slowtime_schemas.codec import Refused, decode_sample, encode
 from slowtime_schemas.messages import (
     ACK_VERSION,
@@ -24,6 +25,7 @@ from slowtime_schemas.messages import (
     Fatigue,
     Features,
     Health,
+    LinkProfile,
     Message,
     Virtual,
 )
@@ -47,14 +49,18 @@ from slowtime_services.tracing import Made, SpanTraces
 
 from .digests import DigestCheck
 from .fatigue_store import FatigueStore
+from .health_changes import HealthCondition
 from .ring import Ring
 from .segment_files import SpoolError
 from .spool import Spool
+from .uplink import Uplink, in_batches
 
 logger = logging.getLogger(__name__)
 
 MOST_AT_ONCE = 10_000
 """Features in one answer; who wants more asks again."""
+
+Handler = Callable[[Query], Iterator[tuple[str, bytes]]]
 
 LARGEST_COUNT = 2**63 - 1
 """Largest counter that a `Health` message holds [1]."""
@@ -76,6 +82,8 @@ class Publisher:
         Told of each features message, where traces are asked for.
     counts
         Gives what the source has counted, for `Health`.
+    link
+        Profile that the settings come from, for `Health`.
     """
 
     def __init__(
@@ -90,6 +98,7 @@ class Publisher:
         about: Mapping[str, Any],
         traces: SpanTraces | None = None,
         counts: Callable[[], Mapping[str, int]] | None = None,
+        link: LinkProfile = "lab",
     ) -> None:
         self.origin, self._spool, self._bus, self._clock = origin, spool, bus, clock
         self._settings, self._software, self._about = settings, software, dict(about)
@@ -101,7 +110,10 @@ class Publisher:
         """Of sequences, which messages of several threads take."""
         self._beating = threading.Lock()
         """Of heartbeats, whose numbers leave in order whichever thread sends them."""
-        self._last_features = -1
+        self._sending = threading.Lock()
+        """Of features, which leave in order whichever thread sends them."""
+        self._last_features = self._last_sent = -1
+        self._uplink = Uplink(settings, spool.folder, clock, link)
         self._acknowledged = -1
         self._agreement = DigestCheck()
         self._cumulative = FatigueStore(spool.folder, origin.boot)
@@ -113,11 +125,12 @@ class Publisher:
         """Subscribe, answer requests, and announce this agent."""
         bus = self._bus
         self._handles += [
-            bus.answer(self._request("account"), self._answer_account),
-            bus.answer(self._request("features"), self._answer_features),
-            bus.answer(self._request("raw"), self._answer_raw),
-            bus.answer(self._request("about"), self._answer_about),
-            bus.answer(self._request("fatigue"), self._answer_fatigue),
+            self._answer("account", self._answer_account),
+            self._answer("features", self._answer_features),
+            self._answer("raw", self._answer_raw),
+            self._answer("about", self._answer_about),
+            self._answer("fatigue", self._answer_fatigue),
+            self._answer("flush", self._answer_flush),
             bus.subscribe(ACK.key(self.origin.site, self.origin.asset), self._hear),
             bus.announce(alive_key(self.origin.site, self.origin.asset)),
         ]
@@ -125,7 +138,8 @@ class Publisher:
         self.health()
 
     def close(self) -> None:
-        """Publish a last health message, withdraw the liveliness token and close the spool."""
+        """Send what waits, withdraw the liveliness token and close the spool."""
+        self.flush_unless_held()
         self.health()
         for handle in reversed(self._handles):
             handle.close()
@@ -157,41 +171,99 @@ class Publisher:
             self._send(RAW, payload)
 
     def features(self, message: Features) -> None:
-        """Keep and send one features message."""
+        """Keep one features message, and send it at once or gather it."""
         began_ns = self._clock.now_ns()
-        payload = encode(message)
+        payload, stored = encode(message), True
         try:
             self._spool.append(message.sequence, payload)
         except SpoolError:
             # Without a disk the structure is still worth listening to.
+            stored = False
             self.count("not_spooled")
             logger.exception("Features %d are sent but could not be stored.", message.sequence)
         self._agreement.note(message.sequence, payload)
-        self._last_features = message.sequence
         self.count("features")
-        self._send(FEATURES, payload)
+        if self._uplink.gathers and stored:
+            self._last_features = message.sequence
+            if self._uplink.take(message):
+                self.flush_unless_held()
+        else:
+            self.flush()
+            with self._sending:
+                self._last_features = self._last_sent = message.sequence
+                self._send(FEATURES, payload)
         if self._traces is not None:
             made = Made(message.twin_id, message.boot, message.sequence)
             self._traces.at_edge(made, began_ns, self._clock.now_ns())
 
+    @property
+    def waiting(self) -> int:
+        """Number of features that are kept and not sent yet."""
+        return self._last_features - self._last_sent
+
+    def flush(self) -> int:
+        """Send all features that wait, in batches; return how many."""
+        with self._sending:
+            first, last = self._last_sent + 1, self._last_features
+            if first > last or not self._connected:
+                return 0
+            self._uplink.begin()
+            sent = 0
+            for batch in in_batches(self._spool.read(self.origin.boot, first, last)):
+                packed = pack(batch)
+                self._uplink.note_batch(len(batch), len(packed))
+                self._send(FEATURES, packed, encoding=BATCH_ENCODING)
+                sent += len(batch)
+            self._last_sent = last
+            return sent
+
+    def flush_unless_held(self) -> int:
+        """Send what waits, unless send hours or the budget hold it back."""
+        if not self.waiting or self._uplink.held_until_ns(self.waiting) is not None:
+            return 0
+        return self.flush()
+
+    def tick(self) -> None:
+        """Send what is due: features that wait, health, and less often `About`."""
+        if self._uplink.due(self.waiting):
+            self.flush()
+        with self._beating:
+            condition = self._condition()
+            if self._uplink.health_due(condition):
+                self._beat(condition)
+        if self._uplink.about_due():
+            self.about()
+
     def health(self) -> None:
         """Publish health, with the last sequence of the account."""
         with self._beating:
-            self._beat()
+            self._beat(self._condition())
 
-    def _beat(self) -> None:
-        held = {entry.boot: entry for entry in self._spool.held()}.get(self.origin.boot)
+    @property
+    def _connected(self) -> bool:
+        return bool(getattr(self._bus, "connected", True))
+
+    def _condition(self) -> HealthCondition:
         if self._spool.damaged:
             self.put("spool_damaged", self._spool.damaged)
+        spool = self._spool
+        return HealthCondition.of(
+            self.counters, spool.size, spool.dropped, connected=self._connected
+        )
+
+    def _beat(self, condition: HealthCondition) -> None:
+        held = {entry.boot: entry for entry in self._spool.held()}.get(self.origin.boot)
+        self._uplink.note_health(condition)
         self._send_message(
             HEALTH,
             Health(
                 **self._envelope(HEALTH),
-                last_sequence=self._last_features,
+                last_sequence=self._last_sent,
                 first_held=held.first if held else -1,
                 dropped=self._spool.dropped,
                 uptime_s=(self._clock.elapsed_ns() - self._began_ns) / 1e9,
                 counters=self.counters | {ACK_VERSION: Acknowledgement.VERSION},
+                link=self._uplink.report(self.waiting) if self._uplink.told else None,
             ),
         )
 
@@ -234,6 +306,7 @@ class Publisher:
         return True
 
     def _hear(self, sample: Sample) -> None:
+        self._uplink.spend(len(sample.payload))
         try:
             message = decode_sample(sample.key, sample.payload)
         except Refused as refused:
@@ -283,8 +356,24 @@ class Publisher:
         total = sum(digest_of(n, p) for n, p in enumerate(payloads, word.first))
         return written(total) != word.digest
 
+    def _answer(self, what: str, handler: Handler) -> Handle:
+        """Answer requests, and count the bytes of questions and answers."""
+
+        def counted(query: Query) -> Iterator[tuple[str, bytes]]:
+            self._uplink.spend(0)
+            for key, payload in handler(query):
+                self._uplink.spend(len(payload))
+                yield key, payload
+
+        return self._bus.answer(self._request(what), counted)
+
     def _answer_account(self, query: Query) -> Iterator[tuple[str, bytes]]:
         for held in self._spool.held():
+            if held.boot == self.origin.boot and self.waiting:
+                # The twin asks for what is listed: not what is still to be sent in a batch.
+                held = held._replace(last=min(held.last, self._last_sent))
+                if held.last < held.first:
+                    continue
             entry: dict[str, Any] = held._asdict() | {ACK_VERSION: Acknowledgement.VERSION}
             if damaged := self._spool.damaged_ranges(held.boot)[:MOST_RANGES]:
                 entry["damaged"] = damaged
@@ -303,7 +392,14 @@ class Publisher:
 
     def _answer_raw(self, query: Query) -> Iterator[tuple[str, bytes]]:
         key = RAW.key(self.origin.site, self.origin.asset)
-        for payload in self._ring.last(_seconds(query)):
+        payloads = list(self._ring.last(_seconds(query)))
+        if not self._uplink.affords(size := sum(map(len, payloads))):
+            raise ValueError(
+                f"Raw samples of {size:,} bytes were asked for, and the budget of the link for "
+                "this month does not allow them. Ask for fewer seconds, or raise "
+                "publish.budget_mb."
+            )
+        for payload in payloads:
             yield key, payload
 
     def _answer_about(self, query: Query) -> Iterator[tuple[str, bytes]]:
@@ -313,6 +409,9 @@ class Publisher:
         key = FATIGUE.key(self.origin.site, self.origin.asset)
         for payload in self._cumulative.all():
             yield key, payload
+
+    def _answer_flush(self, query: Query) -> Iterator[tuple[str, bytes]]:
+        yield self._request("flush"), json.dumps({"sent": self.flush()}).encode()
 
     def _about_message(self) -> About:
         return About(**self._envelope(ABOUT), software=self._software, settings=self._about)
@@ -335,11 +434,12 @@ class Publisher:
     def _send_message(self, stream: Stream, message: Message) -> None:
         self._send(stream, encode(message))
 
-    def _send(self, stream: Stream, payload: bytes) -> None:
+    def _send(self, stream: Stream, payload: bytes, *, encoding: str | None = None) -> None:
         """Publish; count a failure of the bus, as the spool keeps the features."""
+        self._uplink.spend(len(payload))
         try:
             key = stream.key(self.origin.site, self.origin.asset)
-            self._bus.publish(key, payload, encoding=stream.encoding)
+            self._bus.publish(key, payload, encoding=encoding or stream.encoding)
         except Exception:
             self.count("not_sent")
             logger.exception("A %s message could not be sent.", stream.name)

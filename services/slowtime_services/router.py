@@ -5,12 +5,14 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+from slowtime_schemas.messages import LinkProfile
 from slowtime_services.bus import BusUnreachableError, ZenohBus
 from slowtime_services.credentials import Credentials, CredentialsError
 from slowtime_services.credentials.credential_folder import (
     check_encrypted,
     reachable_from_elsewhere,
 )
+from slowtime_services.link_profiles import LEASES
 from slowtime_services.shutdown import ended_by_signals
 
 logger = logging.getLogger(__name__)
@@ -27,6 +29,7 @@ def run(
     insecure: bool = False,
     options: Mapping[str, object] | None = None,
     ready: Callable[[Sequence[str]], None] | None = None,
+    link: LinkProfile = "lab",
 ) -> None:
     """Route until `stop` is set, or until SIGINT or SIGTERM.
 
@@ -46,6 +49,8 @@ def run(
         Further Zenoh settings.
     ready
         Told the endpoints once they listen.
+    link
+        Profile of the edge agents, which decides on keep-alives.
 
     Raises
     ------
@@ -55,7 +60,11 @@ def run(
         If the credentials are of no use, or are needed and not there.
     """
     own = _secured(listen, connect, credentials, insecure) | dict(options or {})
-    with ended_by_signals(stop) as end, ZenohBus("router", connect, listen, options=own):
+    lease_s, keep_alives = LEASES[link]
+    bus = ZenohBus(
+        "router", connect, listen, lease_s=lease_s, keep_alives=keep_alives, options=own
+    )
+    with ended_by_signals(stop) as end, bus:
         logger.info("Router listens on %s.", ", ".join(listen))
         if ready is not None:
             ready(listen)

@@ -34,6 +34,7 @@ def edge(
     hop_s: float | None,
     raw: bool | None,
     spool: Path | None,
+    link: Literal["lab", "field", "metered"] | None,
     connect: tuple[str, ...],
     credentials: Path | None,
 ) -> int:
@@ -74,6 +75,7 @@ def edge(
                 extract=extract or None,
                 publish={"raw": "on" if raw else "off"} if raw is not None else None,
                 spool={"folder": spool} if spool else None,
+                link=link,
             )
         )
     return run(settings)

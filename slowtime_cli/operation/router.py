@@ -3,6 +3,7 @@
 import logging
 import threading
 from pathlib import Path
+from typing import Literal
 
 import click
 
@@ -17,6 +18,7 @@ def router(
     listen: tuple[str, ...],
     connect: tuple[str, ...],
     credentials: Path | None,
+    link: Literal["lab", "field", "metered"],
     insecure: bool,
 ) -> None:
     """Run a Zenoh router that edges, twin server and recorder connect to."""
@@ -25,6 +27,7 @@ def router(
         connect,
         credentials=credentials,
         insecure=insecure,
+        link=link,
         ready=lambda where: click.echo(f"Router on {', '.join(where)}"),
     )
 

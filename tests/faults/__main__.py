@@ -37,11 +37,12 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=4)
     parser.add_argument("--out", type=Path, default=Path("var/faults"))
     parser.add_argument("--shards", type=int, default=1, help="of the twin server")
+    parser.add_argument("--link", choices=["lab", "field", "metered"], default="lab")
     parser.add_argument("--postgres", action="store_true", help="in place of SQLite")
     parser.add_argument("--show", action="store_true", help="print the schedules only")
     given = parser.parse_args()
     seeds = range(given.seed, given.seed + given.cases)
-    plans = [plan(seed, given.seconds, given.shards) for seed in seeds]
+    plans = [plan(seed, given.seconds, given.shards, given.link) for seed in seeds]
     if given.show:
         for shown in plans:
             print(f"seed {shown.seed}: {shown.time_base}, spool {shown.spool_bytes:,} bytes")
@@ -73,7 +74,7 @@ def main() -> int:
     for seed in failed:
         print(
             f"replay with: make faults N=1 SEED={seed} SECONDS={given.seconds:g} "
-            f"SHARDS={given.shards}"
+            f"SHARDS={given.shards} LINK={given.link}"
         )
     return 1 if failed else 0
 

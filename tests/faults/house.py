@@ -207,7 +207,8 @@ class House:
                 "max_bytes": self.plan.spool_bytes,
                 "segment_bytes": 8192,
             },
-            "publish": {"linger_s": 0.0},
+            "publish": {"linger_s": 0.0} | (GATHERED if self.plan.link != "lab" else {}),
+            "link": self.plan.link,
         }
         ours, theirs = self._context.Pipe(duplex=False)
         self.ledger.add(ours)
@@ -218,6 +219,9 @@ class House:
         theirs.close()
         return process
 
+
+GATHERED = {"features_every_s": 3.0, "health_every_s": 3.0, "lease_s": 2.0}
+"""Minutes of a link that costs as seconds, so that faults of seconds befall each of them."""
 
 RETRY = {
     "connect/retry": {

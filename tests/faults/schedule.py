@@ -75,6 +75,8 @@ class Plan:
         Of each edge; a small one overflows while the twin is away.
     shards
         Of the twin server; 1 is a single one.
+    link
+        Profile of the edges' link.
     """
 
     seed: int
@@ -83,6 +85,7 @@ class Plan:
     spool_bytes: int
     faults: tuple[Fault, ...]
     shards: int = 1
+    link: str = "lab"
 
     @property
     def may_lose(self) -> bool:
@@ -93,7 +96,7 @@ class Plan:
         return edge_disk or clock or rot or self.spool_bytes < 2**20
 
 
-def plan(seed: int, seconds: float, shards: int = 1) -> Plan:
+def plan(seed: int, seconds: float, shards: int = 1, link: str = "lab") -> Plan:
     """Draw a schedule: about a fault every three seconds, overlapping as they like."""
     rng = np.random.default_rng(seed)
     names = list(KINDS)
@@ -114,4 +117,5 @@ def plan(seed: int, seconds: float, shards: int = 1) -> Plan:
         int(rng.choice([2**26, 2**26, 2**16])),
         tuple(sorted(faults)),
         shards,
+        link,
     )

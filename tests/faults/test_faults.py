@@ -19,6 +19,13 @@ def test_short_seeds_of_faults_leave_a_whole_account_and_the_states_of_a_quiet_l
 
 
 @pytest.mark.system
+def test_a_short_seed_of_faults_on_a_metered_link_leaves_a_whole_account(tmp_path):
+    outcomes: list[Outcome] = []
+    run_many([plan(11, 5.0, link="metered")], tmp_path, 1, outcomes.append)
+    assert [outcome.line for outcome in outcomes if outcome.faults] == []
+
+
+@pytest.mark.system
 @pytest.mark.slow
 def test_a_short_seed_of_faults_over_shards_leaves_the_states_of_a_quiet_life(tmp_path):
     outcomes: list[Outcome] = []

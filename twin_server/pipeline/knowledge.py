@@ -133,6 +133,11 @@ class TwinKnowledge:
         """Return counters of the live sensor; None for other inputs."""
         return self._pipeline.sensor(twin_id)
 
+    def link(self, twin_id: str) -> dict[str, Any] | None:
+        """Return what the edge said of its link; None of one that sends all at once."""
+        link = self._pipeline.link(twin_id)
+        return None if link is None else link.model_dump()
+
     def raised(self, twin_id: str) -> list[dict[str, Any]]:
         """Return the alarms that are raised now: quantity, side and limit of each."""
         return raised_of(self._pipeline.twin(twin_id))

@@ -122,6 +122,10 @@ class Knowledge(Protocol):
         """Return counters of the live sensor; None for other inputs."""
         ...
 
+    def link(self, twin_id: str) -> dict[str, Any] | None:
+        """Return what the edge said of its link; None of one that sends all at once."""
+        ...
+
     def heard_ns(self, twin_id: str) -> int | None:
         """When features last came; None where not since this server began."""
         ...

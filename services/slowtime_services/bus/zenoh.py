@@ -80,9 +80,11 @@ class _Declared:
 
 
 WATCH_DELAY_S = 1.0
+CHECK_S = 5.0
+"""Interval at which sockets are looked for, at most [s]."""
 SOUND_CHECKS = 12
-"""Checks in which a new link must have a socket [1]: a minute with the usual lease. Source: on
-a machine at load 20, a router that closed kept a socket open for some seconds."""
+"""Checks in which a new link must have a socket [1]: a minute. Source: on a machine at load
+20, a router that closed kept a socket open for some seconds."""
 
 
 class ZenohBus:
@@ -103,6 +105,8 @@ class ZenohBus:
     lease_s
         After how long a silent process (cut cable, frozen machine) counts as gone; a process
         that died is noticed at once.
+    keep_alives
+        Keep-alives that are sent in that time, where nothing else is.
     shared_memory
         Whether large payloads between processes of one machine go through shared memory.
     options
@@ -124,6 +128,7 @@ class ZenohBus:
         *,
         open_timeout_s: float | None = 10.0,
         lease_s: float = 5.0,
+        keep_alives: int = 4,
         shared_memory: bool = False,
         options: Mapping[str, object] | None = None,
         clock: Clock | None = None,
@@ -136,7 +141,9 @@ class ZenohBus:
         self._lock = threading.Lock()
         self._declared: set[_Declared] = set()
         self._closed = False
-        config = _configure(mode, connect, listen, open_timeout_s, lease_s, shared_memory)
+        config = _configure(mode, connect, listen, open_timeout_s, shared_memory)
+        config.insert_json5("transport/link/tx/lease", str(round(1000 * lease_s)))
+        config.insert_json5("transport/link/tx/keep_alive", str(keep_alives))
         for name, value in (options or {}).items():
             config.insert_json5(name, json.dumps(value))
         self._config = config
@@ -148,9 +155,10 @@ class ZenohBus:
         _close_at_exit(self)
         if mode != "router" and connect and established_ports() is not None:
             threading.Thread(
-                target=_reconnect_dead, args=(weakref.ref(self), self._ending, lease_s),
+                target=_reconnect_dead,
+                args=(weakref.ref(self), self._ending, min(lease_s, CHECK_S)),
                 name="bus connection",
-            ).start()  # fmt: skip
+            ).start()
 
     @property
     def callback_errors(self) -> int:
@@ -385,7 +393,6 @@ def _configure(
     connect: Sequence[str],
     listen: Sequence[str],
     open_timeout_s: float | None,
-    lease_s: float,
     shared_memory: bool,
 ) -> zenoh.Config:
     waits_for_ever = mode != "client" or open_timeout_s is None
@@ -399,7 +406,6 @@ def _configure(
         "connect/retry": retry,
         "connect/timeout_ms": -1 if waits_for_ever else round(1000 * (open_timeout_s or 0.0)),
         "transport/link/rx/max_message_size": MOST_MESSAGE_BYTES,
-        "transport/link/tx/lease": round(1000 * lease_s),
         "transport/shared_memory/enabled": shared_memory,
     }
     if mode != "client":

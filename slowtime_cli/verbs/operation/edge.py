@@ -133,6 +133,12 @@ underscores); flags overrule the environment, which overrules the file.
     ),
     setting("--raw/--no-raw", default=None, help="Publish raw blocks too, for recording."),
 )
+@click.option(
+    "--link",
+    type=click.Choice(["lab", "field", "metered"]),
+    help="What the link may cost: the interval of heartbeats and features, and keep-alives "
+    "(docs/edge.md).  [default: lab]",
+)
 def edge(
     config: Path | None,
     simulate: str | None,

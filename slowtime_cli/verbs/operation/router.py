@@ -34,6 +34,13 @@ Examples:
 @click.option("--connect", multiple=True, type=Endpoint(), help="Another router to join.")
 @credentials_option
 @click.option(
+    "--link",
+    type=click.Choice(["lab", "field", "metered"]),
+    default="lab",
+    show_default=True,
+    help="As the edge agents' own: how rarely keep-alives are sent to them (docs/edge.md).",
+)
+@click.option(
     "--insecure",
     is_flag=True,
     help="Accept all connections without certificates; all may read and write.",

@@ -1,5 +1,6 @@
 """What holds of the Zenoh bus alone: endings, absence, foreign senders, the wire."""
 
+import signal
 import subprocess
 import sys
 import textwrap
@@ -195,6 +196,37 @@ def test_an_edge_whose_router_leaves_while_it_connects_finds_the_next_one(
     finally:
         for _, edge in edges:
             edge.close()
+
+
+SILENT = """
+import sys, time
+from slowtime_services.bus import ZenohBus
+bus = ZenohBus("peer", connect=[sys.argv[1]], lease_s=float(sys.argv[2]), keep_alives=2)
+bus.announce("slowtime/v2/lab/alive/1/beam")
+time.sleep(60)
+"""
+
+
+def test_a_silent_process_is_offline_within_its_own_lease_and_not_before(endpoint, eventually):
+    lease_s = 3.0
+    seen: list[tuple[float, bool]] = []
+    with ZenohBus("client", connect=[endpoint]) as server:
+        server.watch("slowtime/v2/**", lambda _, alive: seen.append((time.monotonic(), alive)))
+        edge = subprocess.Popen([sys.executable, "-c", SILENT, endpoint, str(lease_s)])
+        try:
+            assert eventually(lambda: [alive for _, alive in seen] == [True])
+            time.sleep(1.5 * lease_s)  # keep-alives arrive, though nothing is sent
+            assert len(seen) == 1
+            edge.send_signal(signal.SIGSTOP)
+            stopped_s = time.monotonic()
+            assert eventually(lambda: len(seen) == 2)
+        finally:
+            edge.kill()
+            edge.wait()
+    took_s = seen[1][0] - stopped_s
+    assert not seen[1][1]
+    # The last keep-alive came up to half a lease before; the rest is for a busy machine.
+    assert 0.4 * lease_s <= took_s <= lease_s + 2.0
 
 
 def test_a_foreign_sender_has_no_clock(endpoint, eventually):

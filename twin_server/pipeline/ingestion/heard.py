@@ -36,16 +36,25 @@ class Heard(NamedTuple):
         spacing_ns = t_ns - last.t_ns
         return cls(now_ns, t_ns, spacing_ns if spacing_ns > 0 else last.spacing_ns)
 
-    def late_s(self, now_ns: int) -> int:
+    def late_s(self, now_ns: int, gathered_s: float = 0.0) -> int:
         """Return how long the next reading is overdue [s]; 0 where it is not.
+
+        Parameters
+        ----------
+        now_ns
+            Time of the server's clock [ns].
+        gathered_s
+            Longest time that the agent keeps readings before it sends them [s].
 
         Examples
         --------
         >>> second = Heard.next(Heard.next(None, 0, 0), 600 * 10**9, 600 * 10**9)
         >>> second.late_s(1800 * 10**9), second.late_s(3600 * 10**9)
         (0, 2400)
+        >>> second.late_s(3600 * 10**9, gathered_s=900.0), second.late_s(3600 * 10**9, 3600.0)
+        (1500, 0)
         """
         age_s, spacing_s = (now_ns - self.at_ns) / 1e9, self.spacing_ns / 1e9
-        if not spacing_s or age_s < max(MISSED * spacing_s, SHORTEST_S):
+        if not spacing_s or age_s < max(MISSED * spacing_s, SHORTEST_S) + gathered_s:
             return 0
-        return round(age_s - spacing_s)
+        return round(age_s - spacing_s - gathered_s)

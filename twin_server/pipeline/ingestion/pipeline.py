@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Literal, TypeVar
 
 from slowtime_schemas.asset_events import AssetEvent
-from slowtime_schemas.messages import Features, Health, Virtual
+from slowtime_schemas.messages import Features, Health, Link, Virtual
 from slowtime_schemas.streams import (
     ASSET_EVENT,
     FATIGUE,
@@ -29,7 +29,16 @@ from slowtime_schemas.streams import (
     alive_key,
     request_key,
 )
-from slowtime_services.bus import Bus, Handle, Inbox, Query, Sample, TwoVersionBus, matches
+from slowtime_services.bus import (
+    Bus,
+    Handle,
+    Inbox,
+    Query,
+    Sample,
+    TwoVersionBus,
+    UnpackingBus,
+    matches,
+)
 from slowtime_services.clock import Clock, SystemClock
 from slowtime_services.credentials import Signer
 from slowtime_services.supervision import all_stacks
@@ -128,7 +137,7 @@ class Pipeline:
         clock: Clock | None = None,
     ) -> None:
         self.settings, self.store = settings, store
-        self._bus = None if bus is None else TwoVersionBus(bus)
+        self._bus = None if bus is None else TwoVersionBus(UnpackingBus(bus))
         self._clock = clock or SystemClock()
         self.refusals = Refusals()
         self.setting_aside = SettingAside(store, settings.progress, self.refusals)
@@ -164,6 +173,7 @@ class Pipeline:
         self._limit = AssetLimit(settings.admission.max_assets_of_site, self.refusals)
         self._stale, self._hurried = True, False
         self._heard: dict[tuple[str, str], Heard] = {}
+        self._links: dict[tuple[str, str], Link] = {}
         self._assessed = AssessedMessages(store)
         self._sensors = SensorWatch(self._told_of_sensor)
         self.ledger_signer: LedgerSigner | None = None
@@ -363,8 +373,13 @@ class Pipeline:
 
     def late_s(self, twin_id: str) -> int:
         """How long the next reading of a twin is overdue [s]; 0 where it is not."""
-        heard = self._heard.get(address(twin_id))
-        return 0 if heard is None else heard.late_s(self._clock.now_ns())
+        heard, link = self._heard.get(address(twin_id)), self._links.get(address(twin_id))
+        gathered_s = 0.0 if link is None else link.features_within_s
+        return 0 if heard is None else heard.late_s(self._clock.now_ns(), gathered_s)
+
+    def link(self, twin_id: str) -> Link | None:
+        """Return what the edge of a twin said last of its link; None where it says nothing."""
+        return self._links.get(address(twin_id))
 
     def sensor(self, twin_id: str) -> dict[str, int] | None:
         """Return the latest counters of the live sensor of a twin; None without one."""
@@ -695,10 +710,20 @@ class Pipeline:
         if not healths:
             return
         live = [health for health, replayed in healths if not replayed]
+        self._hear_of_links(live)
         self._run_each(
             lambda: self._durably(lambda c: self._account.hear(healths, time.monotonic(), c)),
             lambda: self._hear_of_sensors(live),
         )
+
+    def _hear_of_links(self, healths: Sequence[Health]) -> None:
+        """Keep what agents say of their links: when their messages are to be expected."""
+        for health in healths:
+            key = health.site, health.asset
+            if health.link is None:
+                self._links.pop(key, None)
+            else:
+                self._links[key] = health.link
 
     def virtual(self, twin_id: str) -> list[Virtual]:
         """Latest windows of virtual quantities, since this server began."""
@@ -974,6 +999,7 @@ class Pipeline:
         existed = self.store.delete(twin_id)
         self._twins.pop(key, None)
         self._heard.pop(key, None)
+        self._links.pop(key, None)
         self._assessed.forget(key)
         self._sensors.forget(*key)
         for number in self._account.forget(*key):

@@ -181,6 +181,7 @@ def _described(
             "heard_ns": knowledge.heard_ns(twin_id),
             "aside": knowledge.aside(twin_id),
             "sensor": knowledge.sensor(twin_id),
+            "link": knowledge.link(twin_id),
             "raised": knowledge.raised(twin_id),
             "nominal": knowledge.nominal(twin_id),
             "normal": knowledge.normal(twin_id),
