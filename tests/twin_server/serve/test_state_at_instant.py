@@ -4,6 +4,10 @@ import time
 
 import pytest
 
+from slowtime_schemas.codec import encode
+from slowtime_schemas.messages import Health, Link
+from slowtime_schemas.streams import HEALTH
+
 TWIN = "/api/v1/twins/lab.beam"
 BODY = {
     "nominal": {"frequency_hz": 3.0, "damping_ratio": 0.02},
@@ -55,3 +59,26 @@ def test_it_is_told_when_features_last_came(aged):
     assert before["heard_ns"] is None
     heard = server.get(TWIN).json()["heard_ns"]
     assert 0 <= time.time_ns() - heard < 60e9
+
+
+def test_it_is_told_what_the_link_of_the_agent_carries_and_when(serving, eventually):
+    server = serving()
+    server.client.put(TWIN, json=BODY)
+    assert server.get(TWIN).json()["link"] is None
+    link = Link(
+        profile="metered",
+        health_within_s=900.0,
+        features_within_s=900.0,
+        offline_within_s=120.0,
+        month_bytes=7,
+        budget_bytes=10**8,
+    )
+    health = Health(
+        site="lab", asset="beam", boot="b9", sequence=0, t_ns=10**18, last_sequence=-1,
+        first_held=-1, uptime_s=1.0, link=link,
+    )  # fmt: skip
+    server.bus.publish(HEALTH.key("lab", "beam"), encode(health), encoding=HEALTH.encoding)
+    assert eventually(lambda: server.get(TWIN).json()["link"] == link.model_dump())
+    assert server.client.delete(TWIN).status_code == 204
+    server.client.put(TWIN, json=BODY)
+    assert server.get(TWIN).json()["link"] is None
