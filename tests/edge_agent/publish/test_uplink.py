@@ -261,6 +261,21 @@ def test_no_month_takes_more_than_its_budget(
     assert budget.spent(month.end_ns) == 0
 
 
+def test_a_budget_is_spread_over_the_month(tmp_path):
+    budget = LinkBudget(tmp_path / "link.json", 30_000_000, keep_alive_s=40.0)
+    month = Month.of(NOON_NS)
+    sent_days = []
+    for step in range(31 * 144):  # a batch each ten minutes would need 35 MB
+        now_ns = month.start_ns + 600 * step * S
+        budget.pass_time(600.0)
+        if budget.ready_ns(3_000, now_ns) <= now_ns:
+            budget.spend(3_000)
+            sent_days.append(step / 144)
+    assert sent_days[0] < 1.0
+    assert sent_days[-1] > 30.5
+    assert 0.4 < sum(day < 15.5 for day in sent_days) / len(sent_days) < 0.6
+
+
 def test_connections_messages_and_keep_alives_are_counted(agent):
     beam = agent()
     opened = beam.health[-1].link.month_bytes

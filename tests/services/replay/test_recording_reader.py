@@ -8,6 +8,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
+from slowtime_schemas.batches import MARK, pack
 from slowtime_schemas.streams import FEATURES, HEALTH, STATE, former_key
 from slowtime_services.bus import MemoryBus
 from slowtime_services.record import RecordingWriter
@@ -31,6 +32,16 @@ def test_messages_come_in_the_order_they_were_written_even_if_the_clock_stepped_
     got = list(read_recording(tmp_path / "a.mcap"))
     assert [m.log_ns for m in got] == log_times
     assert [int(m.payload) for m in got] == list(range(6))
+
+
+def test_batches_that_another_recorder_wrote_are_read_as_their_messages(tmp_path):
+    damaged = MARK + b"no batch"
+    with RecordingWriter(tmp_path / "a.mcap") as writer:
+        writer.write(FEATURES, "lab", "beam", pack([b"1", b"2"]), 5)
+        writer.write(FEATURES, "lab", "beam", damaged, 6)
+        writer.write(STATE, "lab", "beam", pack([b"3"]), 7)
+    got = [(m.log_ns, m.payload) for m in read_recording(tmp_path / "a.mcap")]
+    assert got == [(5, b"1"), (5, b"2"), (6, damaged), (7, pack([b"3"]))]
 
 
 def test_streams_and_times_can_be_chosen(tmp_path):
