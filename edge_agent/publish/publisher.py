@@ -204,11 +204,11 @@ class Publisher:
     def flush(self) -> int:
         """Send all features that wait, in batches; return how many."""
         with self._sending:
-            first, last = self._last_sent + 1, self._last_features
-            if first > last or not self._connected:
+            if not self.waiting or not self._connected:
                 return 0
+            # Before the range is taken: what is made meanwhile counts as waiting from now on.
             self._uplink.begin()
-            sent = 0
+            first, last, sent = self._last_sent + 1, self._last_features, 0
             for batch in in_batches(self._spool.read(self.origin.boot, first, last)):
                 packed = pack(batch)
                 self._uplink.note_batch(len(batch), len(packed))
@@ -287,7 +287,7 @@ class Publisher:
                 self._send(FATIGUE, payload)
 
     def wait_acknowledged(self, seconds: float, stop: threading.Event) -> bool:
-        """Wait until the twin has everything of this boot; False if `seconds` pass first.
+        """Wait until the twin has all that was sent; False if `seconds` pass first.
 
         Parameters
         ----------
@@ -298,7 +298,7 @@ class Publisher:
         """
         waited = 0.0
         with self._changed:
-            while self._acknowledged < self._last_features:
+            while self._acknowledged < self._last_sent:
                 if waited >= seconds or stop.is_set():
                     return False
                 self._changed.wait(0.05)

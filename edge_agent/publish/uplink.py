@@ -151,7 +151,7 @@ class Uplink:
         """Say what the server may expect of this link."""
         settings, now_ns = self._settings, self._clock.now_ns()
         held_ns = self.held_until_ns(max(waiting, 1))
-        within_s = max(settings.features_every_s, _longest_closed_s(settings.send_hours))
+        within_s = settings.features_every_s + _longest_closed_s(settings.send_hours)
         if held_ns is not None:
             within_s = max(within_s, self._waited_s() + (held_ns - now_ns) / 1e9)
         with self._lock:
