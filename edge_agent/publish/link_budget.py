@@ -104,8 +104,9 @@ class LinkBudget:
         even_ns = used / free * (length_ns + HEAD_START_NS) - HEAD_START_NS
         return max(now_ns, month.start_ns + round(even_ns))
 
-    def keep(self) -> None:
+    def keep(self, now_ns: int) -> None:
         """Write the sum to the disk where it has changed; a full disk may prevent it."""
+        self.spent(now_ns)  # in a new month it begins anew
         if self._spent == self._kept:
             return
         new = self._path.with_suffix(".new")

@@ -137,7 +137,8 @@ class Uplink:
         with self._lock:
             if condition.connected and not was_connected:
                 self._budget.connect()
-            self._budget.keep()
+            self._count_keep_alives()
+            self._budget.keep(self._clock.now_ns())
 
     def about_due(self) -> bool:
         """Whether software and settings are to be told; the next time is counted from now."""

@@ -255,7 +255,7 @@ def test_no_month_takes_more_than_its_budget(
     total = budget.spent(month.end_ns - 1)
     assert total <= 1e6 * budget_mb + 1
     assert sent > 0
-    budget.keep()
+    budget.keep(month.end_ns - 1)
     again = LinkBudget(path, round(1e6 * budget_mb), keep_alive_s=40.0)
     assert again.spent(month.end_ns - 1) == total
     assert budget.spent(month.end_ns) == 0
@@ -286,6 +286,11 @@ def test_connections_messages_and_keep_alives_are_counted(agent):
     assert later - opened >= 10 * KEEP_ALIVE_BYTES + MESSAGE_BYTES
     kept = json.loads((beam.folder / "link.json").read_text())
     assert kept["month"] == "2026-03"
+    beam.publisher.close()
+    again = Agent(beam.folder, boot="b2")
+    again.clock.set_ns(NOON_NS + 31 * 86_400 * S)
+    again.publisher.health()
+    assert again.health[-1].link.month_bytes < opened
     assert opened <= kept["bytes"] <= later
 
 
