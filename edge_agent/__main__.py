@@ -8,6 +8,7 @@ import logging
 import secrets
 import sys
 import threading
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -271,9 +272,12 @@ def _heartbeat(publisher: Publisher, settings: EdgeSettings) -> Iterator[None]:
     every_s = min(settings.publishing.health_every_s, TICK_S)
 
     def beat() -> None:
+        before_s = time.monotonic()
         while not over.wait(every_s):
+            now_s = time.monotonic()
+            passed_s, before_s = now_s - before_s, now_s
             try:
-                publisher.tick()
+                publisher.tick(passed_s)
             except Exception:
                 publisher.count("failed_heartbeats")
                 logger.exception("Health could not be published; the next one follows.")

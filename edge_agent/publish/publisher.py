@@ -53,7 +53,7 @@ from .health_changes import HealthCondition
 from .ring import Ring
 from .segment_files import SpoolError
 from .spool import Spool
-from .uplink import Uplink, in_batches
+from .uplink import TICK_S, Uplink, in_batches
 
 logger = logging.getLogger(__name__)
 
@@ -223,14 +223,19 @@ class Publisher:
             return 0
         return self.flush()
 
-    def tick(self) -> None:
-        """Send what is due: features that wait, health, and less often `About`."""
+    def tick(self, seconds: float = TICK_S) -> None:
+        """Send what is due: features that wait, health, and less often `About`.
+
+        Parameters
+        ----------
+        seconds
+            Time since the last tick [s].
+        """
+        self._uplink.pass_time(seconds)
         if self._uplink.due(self.waiting):
             self.flush()
-        with self._beating:
-            condition = self._condition()
-            if self._uplink.health_due(condition):
-                self._beat(condition)
+        if self._uplink.health_due(self._condition()):
+            self.health()
         if self._uplink.about_due():
             self.about()
 

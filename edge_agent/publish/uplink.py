@@ -56,8 +56,8 @@ class Uplink:
         self._since_ns: int | None = None
         self._packed_bytes = float(PACKED_BYTES)
         self._urgent = False
-        self._health: tuple[int, int, HealthCondition] | None = None
-        self._about_ns = clock.elapsed_ns()
+        self._health: tuple[int, HealthCondition] | None = None
+        self._health_age_s = self._about_age_s = 0.0
 
     @property
     def gathers(self) -> bool:
@@ -116,24 +116,28 @@ class Uplink:
         with self._lock:
             self._budget.spend(payload_bytes)
 
+    def pass_time(self, seconds: float) -> None:
+        """Let the last health and `about` messages grow older [s]."""
+        self._health_age_s += seconds
+        self._about_age_s += seconds
+
     def health_due(self, condition: HealthCondition) -> bool:
         """Whether a health message is to be sent: something has changed, or it is time."""
         if self._health is None:
             return True
-        told_ns, offset_ns, told = self._health
-        silent_s = (self._clock.elapsed_ns() - told_ns) / 1e9
+        offset_ns, told = self._health
         stepped_s = abs(self._clock_offset_ns() - offset_ns) / 1e9
         every_s = self._settings.health_every_s
         return (
-            silent_s >= every_s - min(TICK_S, every_s) / 2
+            self._health_age_s >= every_s - min(TICK_S, every_s) / 2
             or condition != told
             or stepped_s > CLOCK_STEP_S
         )
 
     def note_health(self, condition: HealthCondition) -> None:
         """Note a health message that is being sent."""
-        was_connected = self._health is not None and self._health[2].connected
-        self._health = self._clock.elapsed_ns(), self._clock_offset_ns(), condition
+        was_connected = self._health is not None and self._health[1].connected
+        self._health, self._health_age_s = (self._clock_offset_ns(), condition), 0.0
         with self._lock:
             if condition.connected and not was_connected:
                 self._budget.connect()
@@ -142,10 +146,10 @@ class Uplink:
 
     def about_due(self) -> bool:
         """Whether software and settings are to be told; the next time is counted from now."""
-        now_ns = self._clock.elapsed_ns()
-        due = (now_ns - self._about_ns) / 1e9 >= self._settings.about_every_s - TICK_S / 2
+        every_s = self._settings.about_every_s
+        due = self._about_age_s >= every_s - min(TICK_S, every_s) / 2
         if due:
-            self._about_ns = now_ns
+            self._about_age_s = 0.0
         return due
 
     def report(self, waiting: int) -> Link:

@@ -12,7 +12,7 @@ from edge_agent.publish import Publisher, Spool
 from edge_agent.publish.health_changes import HealthCondition
 from edge_agent.publish.link_budget import LinkBudget, Month
 from edge_agent.publish.surprise import FEWEST, SurpriseCheck
-from edge_agent.publish.uplink import TICK_S, in_batches
+from edge_agent.publish.uplink import in_batches
 from edge_agent.settings import EdgeSettings, Origin, PublishSettings
 from slowtime_schemas.batches import unpack
 from slowtime_schemas.codec import decode
@@ -81,8 +81,8 @@ class Agent:
             self.clock.sleep(1.0)
             if second % 60 == 59:
                 self.read(3.0 + 0.01 * (self.made % 3))
-            if second % round(5 * TICK_S) == 0:
-                self.publisher.tick()
+            if second % 5 == 0:
+                self.publisher.tick(5.0)
 
     def ask(self, what):
         return [a.payload for a in self.bus.ask(request_key("lab", "beam", what))]
