@@ -18,32 +18,52 @@ import importlib
 from typing import Any
 
 _MODULES = {
+    "slowtime.dynamics.channels.declarations": ("Input", "Sensor"),
     "slowtime_api.signals": ("Signals", "read"),
     "slowtime_api.modal_estimates": ("EstimatedMode", "Modes", "identify"),
     "slowtime_api.decays": ("DecayLaw", "fit_decay"),
     "slowtime_api.models": ("Model", "simulate"),
     "slowtime_api.diagnoses": ("DiagnosisResult", "diagnose"),
-    "slowtime_api.twins": ("Twin", "connect"),
+    "slowtime_api.finite_elements.matrix_models": ("FiniteElementModel",),
+    "slowtime_api.finite_elements.updating": ("UpdatedModel", "update"),
+    "slowtime_api.finite_elements.placement": ("PlacedSensors", "place"),
+    "slowtime_api.finite_elements.reduction": ("ReducedFiniteElements", "reduce"),
+    "slowtime_api.finite_elements.conversion": ("ConvertedMesh", "convert"),
+    "slowtime_api.twin_responses": ("TwinResponse",),
+    "slowtime_api.twins": ("Twin", "connect", "evolve"),
 }
 _EXTRAS = {"slowtime_api.twins": "twin"}
 """Extra that a module needs; `analysis` where none is listed."""
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
 
 __all__ = [
+    "ConvertedMesh",
     "DecayLaw",
     "DiagnosisResult",
     "EstimatedMode",
+    "FiniteElementModel",
+    "Input",
     "Model",
     "Modes",
+    "PlacedSensors",
+    "ReducedFiniteElements",
+    "Sensor",
     "Signals",
     "Twin",
+    "TwinResponse",
+    "UpdatedModel",
     "__version__",
     "connect",
+    "convert",
     "diagnose",
+    "evolve",
     "fit_decay",
     "identify",
+    "place",
     "read",
+    "reduce",
     "simulate",
+    "update",
 ]
 
 

@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import ValidationError
 
-from slowtime_services.declared import number as number
-from slowtime_services.declared import pair as pair
-from slowtime_services.declared import texts as texts
-from slowtime_services.declared import whole as whole
+from slowtime_services.argument_checks import number as number
+from slowtime_services.argument_checks import pair as pair
+from slowtime_services.argument_checks import texts as texts
+from slowtime_services.argument_checks import whole as whole
 
 _FLAG = re.compile(r"(?<!slowtime diagnose )--[a-z][a-z-]*")
 _CHANNEL = re.compile(r"--channel ([^\s=]+)=NAME")

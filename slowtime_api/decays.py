@@ -2,19 +2,20 @@
 
 from slowtime.identification.free_decay.amplitude_law import DecayLaw, decay_law
 from slowtime.identification.free_decay.envelope import decay_envelope
+from slowtime_services.argument_checks import NotNegative, Positive, checked
 
-from .arguments import number, pair, positive
-from .signals import Signals, checked_signals
+from .signals import Signals
 
 __all__ = ["DecayLaw", "fit_decay"]
 
 
+@checked
 def fit_decay(
     signals: Signals,
     *,
-    near_hz: float | None = None,
+    near_hz: Positive | None = None,
     band_hz: tuple[float, float] | None = None,
-    start_s: float = 0.0,
+    start_s: NotNegative = 0.0,
 ) -> DecayLaw:
     """Follow one mode along a free decay: frequency and damping against amplitude.
 
@@ -58,13 +59,7 @@ def fit_decay(
     >>> law.one_number, round(float(law.damping[0]), 4)
     (True, 0.01)
     """
-    signals = checked_signals(signals, "fit_decay")
-    if near_hz is not None:
-        near_hz = positive(near_hz, "near_hz", "frequency of the mode [Hz]")
-    if band_hz is not None:
-        band_hz = pair(band_hz, "band_hz", "lowest and highest frequency [Hz]")
-    start_s = number(start_s, "start_s", "seconds from the start of the signals, from 0")
-    if not 0 <= start_s < signals.duration_s:
+    if not start_s < signals.duration_s:
         raise ValueError(
             f"start_s={start_s:g} was given. Give seconds from 0 to {signals.duration_s:g}."
         )

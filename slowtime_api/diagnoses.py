@@ -8,14 +8,15 @@ from slowtime.discrepancy.diagnosis import Diagnosis
 from slowtime.discrepancy.refinement.force_surface import SurfaceDemand
 from slowtime.discrepancy.search import SearchOptions
 from slowtime_schemas.files.diagnosis import DiagnosisFile
+from slowtime_services.argument_checks import Positive, checked
 from slowtime_services.diagnose import Source, diagnose_records, read_any, write_results
 from slowtime_services.diagnose.labels import number
 from slowtime_services.files import RecordError
 from slowtime_services.plugins.effect_kinds import known
 
-from .arguments import positive, with_arguments
-from .models import Model, checked_model
-from .plotting import Figure, new_figure, save
+from .arguments import with_arguments
+from .models import Model
+from .plotting import Axes, new_figure, save
 from .signals import Signals
 
 Given = Signals | str | Path
@@ -32,6 +33,7 @@ class DiagnosisResult:
         What ``report.json`` holds.
     """
 
+    @checked
     def __init__(self, diagnosis: Diagnosis, document: DiagnosisFile) -> None:
         self.diagnosis, self.document = diagnosis, document
 
@@ -88,6 +90,7 @@ class DiagnosisResult:
             for one in self.document.effects
         ]
 
+    @checked
     def report(self, folder: str | Path) -> Path:
         """Write report.html, report.json, augmented.yaml and arrays into a folder.
 
@@ -103,7 +106,8 @@ class DiagnosisResult:
         write_results(Path(folder), self.diagnosis, self.document)
         return Path(folder) / "report.html"
 
-    def plot_gap(self, path: str | Path | None = None) -> Figure:
+    @checked
+    def plot_gap(self, path: str | Path | None = None) -> Axes:
         """Draw the error of free runs: as given, refitted, after each effect, and noise.
 
         Parameters
@@ -113,7 +117,7 @@ class DiagnosisResult:
 
         Returns
         -------
-        The matplotlib figure.
+        The matplotlib axes.
         """
         gap = self.document.gap
         steps = [
@@ -121,16 +125,17 @@ class DiagnosisResult:
             *((f"with {one.effect}", one.nrmse) for one in gap.steps),
             ("noise alone", gap.noise_floor),
         ]  # fmt: skip
-        figure, (axes,) = new_figure(1)
+        (axes,) = new_figure()
         bars = axes.bar(range(len(steps)), [100 * value for _, value in steps], color="C0")
         axes.bar_label(bars, fmt="%.3g %%")
         axes.set_xticks(range(len(steps)), [name for name, _ in steps])
         on = "held-out signals" if gap.on == "holdout" else "the last third of the signals"
         axes.set(ylabel="error of the free run [%]", title=f"On {on}")
         axes.margins(y=0.15)
-        return save(figure, path)
+        return save(axes, path)
 
-    def plot_force(self, path: str | Path | None = None) -> Figure:
+    @checked
+    def plot_force(self, path: str | Path | None = None) -> Axes:
         """Draw the force surface that closes the gap, where no law of the catalogue does.
 
         Force with its 95 % band over elongation and over rate, the measured range shaded, the
@@ -143,7 +148,7 @@ class DiagnosisResult:
 
         Returns
         -------
-        The matplotlib figure.
+        The matplotlib axes.
 
         Raises
         ------
@@ -188,13 +193,14 @@ class DiagnosisResult:
         return f"{self.verdict.replace('_', ' ')}: {self.sentence}"
 
 
+@checked
 def diagnose(
     model: Model | str | Path,
     signals: Given | Sequence[Given],
     *,
     holdout: Given | Sequence[Given] = (),
     channels: Mapping[str, str] | None = None,
-    patience_s: float | None = None,
+    patience_s: Positive | None = None,
     surface: str = "auto",
     progress: Callable[[str, float], None] | None = None,
 ) -> DiagnosisResult:
@@ -234,19 +240,11 @@ def diagnose(
     TypeError
         If model, signals or channels are of another type.
     """
-    if not isinstance(surface, str):
-        raise TypeError(f"surface={surface!r} was given. Give a word, such as 'auto'.")
     demand = SurfaceDemand.of(surface.split(","))
-    known_model = model if isinstance(model, Model) else _read_model(model)
+    known_model = model if isinstance(model, Model) else Model.from_file(model)
     learnt = _sources(signals, "signals")
     if not learnt:
         raise ValueError("No signals were given. Give those to learn from.")
-    if channels is not None and not isinstance(channels, Mapping):
-        raise TypeError(
-            f"channels={channels!r} was given. Give {{channel of the model: name}}."
-        )
-    if patience_s is not None:
-        patience_s = positive(patience_s, "patience_s", "seconds of a reference machine")
     if not known_model.description.sensors:
         raise ValueError("The model has no sensors. List them, with the channel of each.")
     from slowtime_services.diagnose import roles_of
@@ -265,14 +263,6 @@ def diagnose(
     except RecordError as error:
         raise RecordError(with_arguments(str(error))) from error
     return DiagnosisResult(found, document)
-
-
-def _read_model(model: Any) -> Model:
-    return (
-        Model.from_file(model)
-        if isinstance(model, str | Path)
-        else checked_model(model, "diagnose")
-    )
 
 
 def _sources(given: Given | Sequence[Given], name: str) -> list[Source]:

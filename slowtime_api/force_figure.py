@@ -8,10 +8,10 @@ from slowtime.discrepancy.diagnosis import ForceCut, MeasuredForce
 from slowtime_services.diagnose.force_charts import BAND_SDS, FORCE, LAW, OUTSIDE, SAMPLE
 
 from .optional import optional
-from .plotting import Figure
+from .plotting import Axes
 
 
-def draw_force(measured: MeasuredForce, coordinate: str) -> Figure:
+def draw_force(measured: MeasuredForce, coordinate: str) -> list[Axes]:
     """Draw a surface over elongation and over rate, and where the records measured it.
 
     Parameters
@@ -23,7 +23,7 @@ def draw_force(measured: MeasuredForce, coordinate: str) -> Figure:
 
     Returns
     -------
-    The matplotlib figure.
+    The matplotlib axes: over elongation, over its rate, and of the samples.
     """
     pyplot = optional("matplotlib.pyplot")
     figure, panels = pyplot.subplot_mosaic(
@@ -56,7 +56,7 @@ def draw_force(measured: MeasuredForce, coordinate: str) -> Figure:
     figure.suptitle(
         f"Force surface at {measured.place}, 95 % band, {measured.shape or 'any shape'}"
     )
-    return figure
+    return [panels[key] for key in ("e", "v", "map")]
 
 
 def _draw_cut(axes: Any, cut: ForceCut, ends: tuple[float, float], law: str) -> None:

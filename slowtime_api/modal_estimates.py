@@ -14,15 +14,18 @@ from slowtime.identification.mode_shapes.criteria import mac_matrix
 from slowtime.identification.options import IdentifyOptions, Selection
 from slowtime.identification.single_mode.machine_lines import LINE
 from slowtime_schemas.files.modes import ModesFile
+from slowtime_services.argument_checks import checked
 from slowtime_services.declared import takes
 from slowtime_services.files import accelerations, mixed_units
 from slowtime_services.modal import read_geometry, selection_text, write_modes
 from slowtime_services.modal.entries import mode_entry
 from slowtime_services.modal.identification import RecordModes, identify_record
 
+from .deprecations import renamed
 from .optional import optional
-from .plotting import Figure, new_figure, save
-from .signals import Signals, checked_signals
+from .plotting import Axes, new_figure, save
+from .results import html_table, same
+from .signals import Signals
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -63,6 +66,12 @@ class EstimatedMode:
     span_s: tuple[float, float]
     quality: float | None
 
+    def __eq__(self, other: object) -> bool:
+        """Whether all values are the same."""
+        return same(self, other) if isinstance(other, EstimatedMode) else NotImplemented
+
+    __hash__ = None  # type: ignore[assignment]
+
 
 class Modes(Sequence[EstimatedMode]):
     """Identified modes, ascending in frequency.
@@ -79,6 +88,10 @@ class Modes(Sequence[EstimatedMode]):
         Stabilisation diagram and spectra, where all channels were identified together.
     """
 
+    MADE_BY = "slowtime.identify(signals)"
+    """What makes them, for messages."""
+
+    @checked
     def __init__(
         self,
         modes: Sequence[EstimatedMode],
@@ -95,6 +108,18 @@ class Modes(Sequence[EstimatedMode]):
 
     def __getitem__(self, index: Any) -> Any:
         return self._modes[index]
+
+    def __eq__(self, other: object) -> bool:
+        """Whether modes, signals and notes are the same."""
+        if not isinstance(other, Modes):
+            return NotImplemented
+        return (
+            self._modes == other._modes
+            and self.signals == other.signals
+            and self.notes == other.notes
+        )
+
+    __hash__ = None  # type: ignore[assignment]
 
     def __iter__(self) -> Iterator[EstimatedMode]:
         return iter(self._modes)
@@ -148,7 +173,9 @@ class Modes(Sequence[EstimatedMode]):
             )
         return "\n".join(lines)
 
-    def to_dataframe(self) -> Any:
+    to_dataframe = renamed("Modes.to_dataframe", "to_pandas")
+
+    def to_pandas(self) -> Any:
         """Convert to a pandas DataFrame.
 
         Returns
@@ -157,6 +184,7 @@ class Modes(Sequence[EstimatedMode]):
         """
         return optional("pandas").DataFrame(self.rows())
 
+    @checked
     def to_uff(self, path: str | Path, geometry: str | Path | None = None) -> None:
         """Write the modes as a universal file (dataset 55).
 
@@ -175,8 +203,9 @@ class Modes(Sequence[EstimatedMode]):
         """
         self._with_shapes()
         places = read_geometry(Path(geometry)) if geometry is not None else None
-        write_modes(Path(path), self._file(), places, self.signals.units[0])
+        write_modes(Path(path), self.file(), places, self.signals.units[0])
 
+    @checked
     def to_selection(self, path: str | Path) -> None:
         """Write the choice of modes to be edited by hand, for ``identify(select=...)``.
 
@@ -198,8 +227,19 @@ class Modes(Sequence[EstimatedMode]):
         text = selection_text("signals", self.selection, self.detail.modes)
         Path(path).write_text(text, encoding="utf-8")
 
-    def _file(self) -> ModesFile:
-        """Return the content of a modes file."""
+    @checked
+    def to_json(self, path: str | Path) -> None:
+        """Write a modes file, as ``slowtime identify --out`` does.
+
+        Parameters
+        ----------
+        path
+            File to write (.json).
+        """
+        Path(path).write_text(self.file().model_dump_json(indent=1) + "\n", encoding="utf-8")
+
+    def file(self) -> ModesFile:
+        """Return the content of a modes file, as other functions and commands take it."""
         return ModesFile.model_validate(
             {
                 "slowtime_modes": 1,
@@ -212,7 +252,8 @@ class Modes(Sequence[EstimatedMode]):
             }
         )
 
-    def plot_stabilisation(self, path: str | Path | None = None) -> Figure:
+    @checked
+    def plot_stabilisation(self, path: str | Path | None = None) -> Axes:
         """Draw the stabilisation diagram: poles over model order, and the identified modes.
 
         Parameters
@@ -222,7 +263,7 @@ class Modes(Sequence[EstimatedMode]):
 
         Returns
         -------
-        The matplotlib figure.
+        The matplotlib axes.
 
         Raises
         ------
@@ -235,7 +276,7 @@ class Modes(Sequence[EstimatedMode]):
                 "Identify with method='modes'."
             )
         poles = self.detail.stabilisation
-        figure, (axes,) = new_figure(1)
+        (axes,) = new_figure()
         sound = np.isfinite(poles.frequency_hz) & (poles.damping_ratio > 0)
         for chosen, label, style in (
             (sound & (poles.mode < 0), "other pole", {"color": "0.7", "marker": "."}),
@@ -253,9 +294,10 @@ class Modes(Sequence[EstimatedMode]):
         beside.plot(self.detail.spectrum_hz, level, color="C1", alpha=0.5, linewidth=0.8)
         beside.set(ylabel="first singular value [dB]")
         axes.legend(loc="upper right")
-        return save(figure, path)
+        return save(axes, path)
 
-    def plot_mac(self, path: str | Path | None = None) -> Figure:
+    @checked
+    def plot_mac(self, path: str | Path | None = None) -> Axes:
         """Draw the modal assurance criterion of the mode shapes with each other.
 
         Parameters
@@ -265,7 +307,7 @@ class Modes(Sequence[EstimatedMode]):
 
         Returns
         -------
-        The matplotlib figure.
+        The matplotlib axes.
 
         Raises
         ------
@@ -275,12 +317,12 @@ class Modes(Sequence[EstimatedMode]):
         shown = self._with_shapes()
         shapes = np.stack([mode.shape for mode in shown if mode.shape is not None], axis=1)
         names = [f"{mode.frequency_hz.value:.4g} Hz" for mode in shown]
-        figure, (axes,) = new_figure(1)
+        (axes,) = new_figure()
         drawn = axes.imshow(mac_matrix(shapes, shapes), vmin=0.0, vmax=1.0, cmap="Blues")
-        figure.colorbar(drawn, ax=axes, label="MAC")
+        axes.figure.colorbar(drawn, ax=axes, label="MAC")
         axes.set_xticks(range(len(names)), names, rotation=90)
         axes.set_yticks(range(len(names)), names)
-        return save(figure, path)
+        return save(axes, path)
 
     def _with_shapes(self) -> list[EstimatedMode]:
         shown = [mode for mode in self._modes if mode.shape is not None]
@@ -290,7 +332,8 @@ class Modes(Sequence[EstimatedMode]):
             )
         return shown
 
-    def plot_shapes(self, path: str | Path | None = None) -> Figure:
+    @checked
+    def plot_shapes(self, path: str | Path | None = None) -> Axes:
         """Draw the mode shapes over the channels, with one standard deviation.
 
         Parameters
@@ -300,7 +343,7 @@ class Modes(Sequence[EstimatedMode]):
 
         Returns
         -------
-        The matplotlib figure.
+        The matplotlib axes.
 
         Raises
         ------
@@ -308,7 +351,7 @@ class Modes(Sequence[EstimatedMode]):
             If no mode has a shape.
         """
         shown = self._with_shapes()
-        figure, (axes,) = new_figure(1)
+        (axes,) = new_figure()
         for mode in shown:
             assert mode.shape is not None
             axes.errorbar(
@@ -319,7 +362,10 @@ class Modes(Sequence[EstimatedMode]):
         axes.set_xticks(range(len(self.signals.channels)), self.signals.channels)
         axes.set(xlabel="channel", ylabel="mode shape, real part (unit norm)")
         axes.legend()
-        return save(figure, path)
+        return save(axes, path)
+
+    def _repr_html_(self) -> str:
+        return html_table(f"Modes: {len(self)} identified", self.rows())
 
     def __repr__(self) -> str:
         return f"Modes: {len(self)} identified\n{self.table()}"
@@ -347,7 +393,6 @@ def identify(signals: Signals, options: IdentifyOptions) -> Modes:
     TypeError
         If `signals` are no `Signals`, or the band is no pair of numbers.
     """
-    signals = checked_signals(signals, "identify")
     record = signals.record
     chosen = accelerations(record.channels, record.units)
     notes = list(signals.notes)

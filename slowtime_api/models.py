@@ -1,29 +1,51 @@
 """Models of structures: from a file or from arrays, their modes, and simulation."""
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from jaxtyping import Float
 
 from slowtime.dynamics import builders
-from slowtime.dynamics.description import Description, assemble
+from slowtime.dynamics.description import BASE, Description, Input, Sensor, assemble
 from slowtime.dynamics.modes import undamped_modes
+from slowtime_services.argument_checks import (
+    Bounds,
+    Matrix,
+    Positive,
+    checked,
+)
+from slowtime_services.matrices import read_any_description
 from slowtime_services.models import (
     ambient_model,
     model_text,
-    read_description,
     run_model,
     write_model,
 )
 from slowtime_services.plugins.effect_kinds import known
 
-from .arguments import existing_file, finite, pair, positive, real_samples, whole
+from .arguments import existing_file, real_samples
+from .results import html_table
 from .signals import Signals
 
-HOLDS = ("first", "zero", "band_limited")
+Hold = Literal["first", "zero", "band_limited"]
 """How inputs go on between samples, as `simulate` takes it."""
+Supports = Literal["cantilever", "simply supported", "clamped", "propped", "free"]
+"""How the ends of a beam are held."""
+SAMPLES_PER_PERIOD = 4.0
+"""Samples per period of the fastest mode [1] of an ambient simulation, where no rate is given:
+twice as many as the sampling theorem asks for."""
+PERIODS = 1000.0
+"""Periods of the slowest mode [1] of an ambient simulation, where no duration is given: the
+random error of a damping ratio of 1 % is then about 13 % (as the inverse square root of
+2 pi zeta periods)."""
+MOST_SAMPLES = 2_000_000
+"""Samples of an ambient simulation [1] beyond which rate and duration are asked for."""
+
+
+Masses = Annotated[Sequence[float], Bounds(above=0)]
 
 
 class Model:
@@ -42,17 +64,26 @@ class Model:
     array([1.967, 5.15 ])
     """
 
+    MADE_BY = (
+        "slowtime.Model.from_file(path), .chain(...), .shear_frame(...), .beam(...) or "
+        ".from_matrices(...)"
+    )
+    """What makes one, for messages."""
+
+    @checked
     def __init__(self, description: Description) -> None:
         self.description = description
 
     @classmethod
+    @checked
     def from_file(cls, path: str | Path) -> "Model":
-        """Read a model file (YAML).
+        """Read a model file (YAML or JSON).
 
         Parameters
         ----------
         path
-            The file.
+            The file. One of finite elements is reduced to the modes in the band of its
+            sensors; `slowtime.FiniteElementModel.from_file` keeps it whole.
 
         Returns
         -------
@@ -63,16 +94,19 @@ class Model:
         ValueError
             If the file contradicts itself; the message names line and key.
         """
-        return cls(read_description(existing_file(path), known(())))
+        return cls(read_any_description(existing_file(path), known(())))
 
     @classmethod
+    @checked
     def chain(
         cls,
-        masses_kg: Sequence[float],
+        masses_kg: Masses,
         stiffnesses_n_per_m: Sequence[float],
         *,
         dampings_n_s_per_m: Sequence[float] | None = None,
         rayleigh: tuple[float, float] = (0.0, 0.0),
+        inputs: Sequence[Input | str] = (),
+        sensors: Sequence[Sensor | str] | None = None,
     ) -> "Model":
         """Make masses in a row, the first tied to the base.
 
@@ -87,29 +121,48 @@ class Model:
             Damper beside each spring [N s/m].
         rayleigh
             Coefficients of mass [1/s] and stiffness [s] of a proportional damping.
+        inputs
+            `slowtime.Input`, or the name of a mass (``"m1"``, ...)
+            with a measured force, channel ``f_`` and the name [N]; ``"base"`` for a measured
+            acceleration of the base, channel ``a_base`` [m/s^2]. Without inputs the model is
+            under ambient forces.
+        sensors
+            `slowtime.Sensor`, or the name of a mass (``"m1"``, ...)
+            with an accelerometer, channel ``a_`` and the name [m/s^2]; on every mass where
+            not given.
 
         Returns
         -------
-        Model with an accelerometer on each mass.
+        The model.
+
+        Raises
+        ------
+        ValueError
+            If a mass is not above 0, numbers of springs and masses differ, or a name is not
+            one of the model.
+
+        Examples
+        --------
+        >>> model = Model.chain([1.0, 1.0], [400.0, 400.0], inputs=["m2"], sensors=["m1"])
+        >>> [one.channel for one in model.description.inputs], model.channels
+        (['f_m2'], ('a_m1',))
         """
-        masses = finite(masses_kg, "masses_kg", "masses [kg]")
-        springs = finite(stiffnesses_n_per_m, "stiffnesses_n_per_m", "stiffnesses [N/m]")
-        dampers = dampings_n_s_per_m
-        if dampers is not None:
-            dampers = finite(dampers, "dampings_n_s_per_m", "dampings [N s/m]")
-        return cls(
-            builders.chain(
-                masses, springs, dampings_n_s_per_m=dampers, rayleigh=_rayleigh(rayleigh)
-            )
-        )
+        described = builders.chain(
+            masses_kg, stiffnesses_n_per_m, dampings_n_s_per_m=dampings_n_s_per_m,
+            rayleigh=rayleigh,
+        )  # fmt: skip
+        return cls(_with_channels(described, inputs, sensors))
 
     @classmethod
+    @checked
     def shear_frame(
         cls,
-        floors_kg: Sequence[float],
-        storeys_n_per_m: Sequence[float],
+        floors_kg: Masses,
+        storeys_n_per_m: Masses,
         *,
         rayleigh: tuple[float, float] = (0.0, 0.0),
+        inputs: Sequence[Input | str] = (),
+        sensors: Sequence[Sensor | str] | None = None,
     ) -> "Model":
         """Stack rigid floors on storeys.
 
@@ -121,24 +174,98 @@ class Model:
             Stiffness of each storey against sway [N/m].
         rayleigh
             Coefficients of mass [1/s] and stiffness [s] of a proportional damping.
+        inputs
+            `slowtime.Input`, or the name of a floor (``"floor1"``, ...)
+            with a measured force, channel ``f_`` and the name [N]; ``"base"`` for a measured
+            acceleration of the base, channel ``a_base`` [m/s^2]. Without inputs the model is
+            under ambient forces.
+        sensors
+            `slowtime.Sensor`, or the name of a floor (``"floor1"``, ...)
+            with an accelerometer, channel ``a_`` and the name [m/s^2]; on every floor where
+            not given.
 
         Returns
         -------
-        Model with an accelerometer on each floor.
+        The model.
+
+        Raises
+        ------
+        ValueError
+            If a mass or stiffness is not above 0, numbers of floors and storeys differ, or a
+            name is not one of the model.
+
+        Examples
+        --------
+        >>> frame = Model.shear_frame([900.0, 800.0], [1.2e6, 1e6], inputs=["base"])
+        >>> frame.description.inputs[0].kind
+        'base_acceleration'
         """
-        floors = finite(floors_kg, "floors_kg", "masses [kg]")
-        storeys = finite(storeys_n_per_m, "storeys_n_per_m", "stiffnesses [N/m]")
-        return cls(builders.shear_frame(floors, storeys, rayleigh=_rayleigh(rayleigh)))
+        described = builders.shear_frame(floors_kg, storeys_n_per_m, rayleigh=rayleigh)
+        return cls(_with_channels(described, inputs, sensors))
 
     @classmethod
+    @checked
+    def from_matrices(
+        cls,
+        mass_kg: Matrix,
+        stiffness_n_per_m: Matrix,
+        damping_n_s_per_m: Matrix | None = None,
+        *,
+        coordinates: Sequence[str] | None = None,
+        inputs: Sequence[Input | str] = (),
+        sensors: Sequence[Sensor | str] | None = None,
+    ) -> "Model":
+        """Make a model of symmetric mass, stiffness and damping matrices.
+
+        Parameters
+        ----------
+        mass_kg, stiffness_n_per_m, damping_n_s_per_m
+            Matrices [dof, dof], dense or sparse [kg], [N/m], [N s/m]; undamped where no damping
+            is given.
+        coordinates
+            Name of each degree of freedom, a displacement relative to the base; ``"x1"``,
+            ``"x2"``, ... where not given.
+        inputs
+            `slowtime.Input`, or the name of a coordinate
+            with a measured force, channel ``f_`` and the name [N]; ``"base"`` for a measured
+            acceleration of the base, channel ``a_base`` [m/s^2]. Without inputs the model is
+            under ambient forces.
+        sensors
+            `slowtime.Sensor`, or the name of a coordinate
+            with an accelerometer, channel ``a_`` and the name [m/s^2]; on all where not given.
+
+        Returns
+        -------
+        The model.
+
+        Raises
+        ------
+        ValueError
+            If shapes differ, a matrix is not symmetric, or the mass is not positive definite.
+
+        Examples
+        --------
+        >>> model = Model.from_matrices([[2.0, 0.0], [0.0, 2.0]], [[500, -300], [-300, 300]])
+        >>> model.natural_frequencies_hz.round(3)
+        array([1.03 , 3.012])
+        """
+        described = builders.of_matrices(
+            mass_kg, stiffness_n_per_m, damping_n_s_per_m, coordinates=coordinates
+        )
+        return cls(_with_channels(described, inputs, sensors))
+
+    @classmethod
+    @checked
     def beam(
         cls,
-        length_m: float,
-        bending_stiffness_n_m2: float,
-        mass_kg_per_m: float,
+        length_m: Positive,
+        bending_stiffness_n_m2: Positive,
+        mass_kg_per_m: Positive,
         *,
-        elements: int = 10,
-        supports: str = "cantilever",
+        elements: Annotated[int, Bounds(least=2)] = 10,
+        supports: Supports = "cantilever",
+        inputs: Sequence[Input | str] = (),
+        sensors: Sequence[Sensor | str] | None = None,
     ) -> "Model":
         """Cut a uniform Euler-Bernoulli beam into equal elements.
 
@@ -155,16 +282,30 @@ class Model:
         supports
             ``"cantilever"``, ``"simply supported"``, ``"clamped"``, ``"propped"`` or
             ``"free"``.
+        inputs
+            `slowtime.Input`, or the name of a node (``"n1"``, ...)
+            with a measured force, channel ``f_`` and the name [N]; ``"base"`` for a measured
+            acceleration of the base, channel ``a_base`` [m/s^2]. Without inputs the model is
+            under ambient forces.
+        sensors
+            `slowtime.Sensor`, or the name of a node (``"n1"``, ...)
+            with an accelerometer, channel ``a_`` and the name [m/s^2]; on every free node where
+            not given.
 
         Returns
         -------
         The model.
+
+        Examples
+        --------
+        >>> round(float(Model.beam(2.0, 500.0, 3.0).natural_frequencies_hz[0]), 3)
+        1.806
         """
-        length = positive(length_m, "length_m", "m")
-        bending = positive(bending_stiffness_n_m2, "bending_stiffness_n_m2", "EI [N m^2]")
-        mass = positive(mass_kg_per_m, "mass_kg_per_m", "kg/m")
-        count = whole(elements, "elements", 2)
-        return cls(builders.beam(length, bending, mass, elements=count, supports=supports))
+        described = builders.beam(
+            length_m, bending_stiffness_n_m2, mass_kg_per_m, elements=elements,
+            supports=supports,
+        )  # fmt: skip
+        return cls(_with_channels(described, inputs, sensors))
 
     @property
     def name(self) -> str:
@@ -191,6 +332,7 @@ class Model:
         structure = assemble(self.description)
         return structure.mass, structure.damping, structure.stiffness
 
+    @checked
     def save(self, path: str | Path) -> None:
         """Write a model file (YAML).
 
@@ -200,6 +342,51 @@ class Model:
             File to write.
         """
         write_model(Path(path), self.description)
+
+    @checked
+    def to_fmu(self, path: str | Path, *, step_s: Positive = 0.01) -> tuple[str, ...]:
+        """Write the model as a unit of co-simulation (FMI 2.0) for other programs.
+
+        Parameters
+        ----------
+        path
+            File to write (.fmu).
+        step_s
+            Communication step that the unit proposes [s].
+
+        Returns
+        -------
+        Names of the inputs, outputs and parameters of the unit.
+
+        Raises
+        ------
+        ImportError
+            If pythonfmu is not installed.
+        ValueError
+            If the model cannot be simulated step by step; the message says why.
+        """
+        from slowtime_services.functional_mockup import write_fmu
+
+        found = write_fmu(self.description, Path(path), step_s=step_s)
+        every = (*found.inputs, *found.outputs, *found.parameters)
+        return tuple(one.name for one in every)
+
+    def __eq__(self, other: object) -> bool:
+        """Whether the descriptions are the same, the names included."""
+        return (
+            self.description == other.description
+            if isinstance(other, Model)
+            else NotImplemented
+        )
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def _repr_html_(self) -> str:
+        rows = [
+            {"mode": k + 1, "frequency [Hz]": float(hz)}
+            for k, hz in enumerate(self.natural_frequencies_hz)
+        ]
+        return html_table(repr(self), rows)
 
     def __repr__(self) -> str:
         described = self.description
@@ -219,21 +406,39 @@ class Model:
         return model_text(self.description)
 
 
-def _rayleigh(rayleigh: Sequence[float]) -> tuple[float, float]:
-    name, meaning = "rayleigh", "coefficients of mass [1/s] and stiffness [s]"
-    of_mass, of_stiffness = finite(pair(rayleigh, name, meaning), name, meaning)
-    return of_mass, of_stiffness
+def _with_channels(
+    described: Description,
+    inputs: Sequence[Input | str],
+    sensors: Sequence[Sensor | str] | None,
+) -> Description:
+    """Put inputs and sensors on a structure; names of nodes stand for the usual ones."""
+    given = tuple(_input(one) if isinstance(one, str) else one for one in inputs)
+    seen = described.sensors
+    if sensors is not None:
+        seen = tuple(
+            builders.accelerometer(one) if isinstance(one, str) else one for one in sensors
+        )
+    return dataclasses.replace(described, inputs=given, sensors=seen)
 
 
+def _input(node: str) -> Input:
+    """Return a measured force on a node, or the measured acceleration of the base."""
+    if node == BASE:
+        return Input(channel="a_base", kind="base_acceleration", unit="m/s^2")
+    return Input(channel=f"f_{node}", kind="force", unit="N", node=node)
+
+
+@checked
 def simulate(
     model: Model,
     inputs: Signals | Mapping[str, Any] | None = None,
     *,
-    rate_hz: float | None = None,
-    duration_s: float | None = None,
-    seed: int | None = None,
-    hold: str = "first",
+    rate_hz: Positive | None = None,
+    duration_s: Positive | None = None,
+    seed: int = 0,
+    hold: Hold = "first",
     noise: bool = False,
+    force_psd: Positive = 1.0,
 ) -> Signals:
     """Simulate what the sensors of a model measure.
 
@@ -246,16 +451,19 @@ def simulate(
         it decays from its initial state or, if it has none, vibrates under white ambient
         forces.
     rate_hz
-        Sampling rate [Hz]; that of `inputs` where they are signals.
+        Sampling rate [Hz]; that of `inputs` where they are signals. Without inputs, four
+        samples per period of the fastest mode where not given.
     duration_s
-        Duration [s], without inputs.
+        Duration [s], without inputs; a thousand periods of the slowest mode where not given.
     seed
-        Of all random numbers; needed for ambient forces and noise.
+        Of all random numbers, those of ambient forces and noise.
     hold
         Inputs between samples: ``"first"`` (linear), ``"zero"`` (constant) or
         ``"band_limited"``.
     noise
         Whether to add the noise that the model states for its sensors.
+    force_psd
+        One-sided density of the ambient force on each node [N^2/Hz].
 
     Returns
     -------
@@ -264,72 +472,66 @@ def simulate(
     Raises
     ------
     ValueError
-        If an input, the rate, the duration or the seed is missing or not possible.
+        If an input or the rate is missing, or a number is not possible.
     TypeError
         If the model is no `Model`, or the inputs are no series by channel.
 
     Examples
     --------
     >>> model = Model.chain([1.0], [400.0], dampings_n_s_per_m=[0.4])
-    >>> simulate(model, rate_hz=50.0, duration_s=10.0, seed=1)
+    >>> simulate(model, rate_hz=50.0, duration_s=10.0)
     Signals: 1 channel (a_m1), 500 samples at 50 Hz (10 s)
     """
-    description, kinds = checked_model(model, "simulate").description, known(())
-    if hold not in HOLDS:
-        raise ValueError(f"hold={hold!r} was given. Allowed: {', '.join(HOLDS)}.")
-    seed = None if seed is None else whole(seed, "seed", 0)
-    if noise and seed is None:
-        raise ValueError("Noise is random. Give a seed, so that it can be made again.")
-    if isinstance(inputs, Signals) and rate_hz is None:
-        rate_hz = inputs.rate_hz
-    if rate_hz is None:
-        raise ValueError("The sampling rate is not known. Give rate_hz.")
-    rate_hz = positive(rate_hz, "rate_hz", "samples per second")
+    description, kinds = model.description, known(())
     given = _series(inputs, [entry.channel for entry in description.inputs])
-    rng = None if seed is None else np.random.default_rng([seed, 2])
+    rng = np.random.default_rng([seed, 2])
     if description.inputs:
         if not given:
             names = ", ".join(entry.channel for entry in description.inputs)
             raise ValueError(f"The model has inputs: {names}. Give them as `inputs`.")
+        rate_hz = inputs.rate_hz if isinstance(inputs, Signals) and rate_hz is None else rate_hz
+        if rate_hz is None:
+            raise ValueError("The sampling rate of the inputs is not known. Give rate_hz.")
         found = run_model(description, given, rate_hz, hold=hold, kinds=kinds, rng=rng)
     else:
-        if duration_s is None:
-            raise ValueError("The model has no inputs. Give duration_s, in seconds.")
-        samples = round(positive(duration_s, "duration_s", "seconds") * rate_hz)
-        if samples < 2:
-            raise ValueError(
-                f"duration_s={duration_s:g} at {rate_hz:g} Hz is {samples} sample(s). Give at "
-                f"least {2 / rate_hz:g} s."
-            )
+        rate_hz, samples = _sampling(model, rate_hz, duration_s)
         if description.initial:
             found = run_model(description, {}, rate_hz, kinds=kinds, rng=rng, samples=samples)
-        elif seed is None:
-            raise ValueError("Ambient forces are random. Give a seed.")
         else:
-            found = ambient_model(description, samples, rate_hz, seed, kinds=kinds)
+            found = ambient_model(
+                description, samples, rate_hz, seed, force_psd=force_psd, kinds=kinds
+            )
     columns = np.stack([found[channel] for channel in model.channels], axis=1)
     if noise:
         sd = np.array([sensor.noise_sd or 0.0 for sensor in description.sensors])
-        white = np.random.default_rng([0 if seed is None else seed, 1])
+        white = np.random.default_rng([seed, 1])
         columns = columns + sd * white.standard_normal(columns.shape)
     units = [sensor.unit for sensor in description.sensors]
     return Signals(columns, rate_hz, channels=model.channels, units=units)
 
 
-def checked_model(model: Any, function: str) -> Model:
-    """Return a model as it is, or say how to make one.
-
-    Raises
-    ------
-    TypeError
-        If it is something else.
-    """
-    if not isinstance(model, Model):
-        raise TypeError(
-            f"slowtime.{function} takes a Model; {type(model).__name__} was given. Make one "
-            "with Model.from_file(path), Model.chain(...), .shear_frame(...) or .beam(...)."
+def _sampling(
+    model: Model, rate_hz: float | None, duration_s: float | None
+) -> tuple[float, int]:
+    """Return rate [Hz] and number of samples of a simulation without inputs."""
+    hz = model.natural_frequencies_hz
+    moving = hz[hz > 0.0]
+    if (rate_hz is None or duration_s is None) and not len(moving):
+        raise ValueError("The model has no elastic mode. Give rate_hz and duration_s.")
+    rate = SAMPLES_PER_PERIOD * float(moving[-1]) if rate_hz is None else rate_hz
+    seconds = PERIODS / float(moving[0]) if duration_s is None else duration_s
+    samples = round(seconds * rate)
+    if samples < 2:
+        raise ValueError(
+            f"duration_s={seconds:g} at {rate:g} Hz is {samples} sample(s). Give at least "
+            f"{2 / rate:g} s."
         )
-    return model
+    if samples > MOST_SAMPLES and (rate_hz is None or duration_s is None):
+        raise ValueError(
+            f"The modes lie from {moving[0]:.3g} to {moving[-1]:.3g} Hz: {seconds:.3g} s at "
+            f"{rate:.3g} Hz are {samples} samples. Give rate_hz and duration_s."
+        )
+    return rate, samples
 
 
 def _series(inputs: Any, channels: Sequence[str]) -> dict[str, np.ndarray[Any, Any]]:

@@ -5,11 +5,11 @@ from typing import Any
 
 from .optional import optional
 
-Figure = Any
-"""A `matplotlib.figure.Figure`; matplotlib is an extra."""
+Axes = Any
+"""A `matplotlib.axes.Axes`, or a list of them; matplotlib is an extra."""
 
 
-def new_figure(panels: int) -> tuple[Figure, list[Any]]:
+def new_figure(panels: int = 1) -> list[Axes]:
     """Make a figure with panels below each other.
 
     Parameters
@@ -19,28 +19,28 @@ def new_figure(panels: int) -> tuple[Figure, list[Any]]:
 
     Returns
     -------
-    Figure and its axes, from top to bottom.
+    Axes of the panels, from top to bottom; ``axes[0].figure`` is the figure.
     """
     pyplot = optional("matplotlib.pyplot")
-    figure, axes = pyplot.subplots(
+    _, axes = pyplot.subplots(
         panels, 1, figsize=(8.0, 3.0 * panels), layout="constrained", squeeze=False
     )
-    return figure, list(axes[:, 0])
+    return list(axes[:, 0])
 
 
-def save(figure: Figure, path: str | Path | None) -> Figure:
-    """Write a figure where a path is given, and return it.
+def save(axes: Axes, path: str | Path | None) -> Axes:
+    """Write the figure of axes where a path is given, and return the axes.
 
     Parameters
     ----------
-    figure
-        Figure.
+    axes
+        Axes, or a list of axes of one figure.
     path
         File to write; None for none.
 
     Returns
     -------
-    The same figure.
+    The same axes.
 
     Raises
     ------
@@ -52,5 +52,6 @@ def save(figure: Figure, path: str | Path | None) -> Figure:
             raise IsADirectoryError(
                 f"{path} is a folder. Give a file, such as {path}/plot.png."
             )
-        figure.savefig(Path(path), dpi=150)
-    return figure
+        first = axes[0] if isinstance(axes, list) else axes
+        first.figure.savefig(Path(path), dpi=150)
+    return axes

@@ -4,12 +4,13 @@ import dataclasses
 import datetime
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, overload
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Shaped
 from scipy import signal
 
+from slowtime_services.argument_checks import Positive, checked
 from slowtime_services.declared import takes
 from slowtime_services.files import (
     ReadingOptions,
@@ -24,16 +25,11 @@ from slowtime_services.files.integrity import with_checked_values
 from slowtime_services.files.record import looks_like_unit
 from slowtime_services.files.units import unit_of
 
-from .arguments import (
-    existing_file,
-    names_of,
-    number,
-    real_samples,
-    texts,
-    with_arguments,
-)
+from .arguments import existing_file, names_of, real_samples, texts, with_arguments
+from .deprecations import renamed
 from .optional import optional
-from .plotting import Figure, new_figure, save
+from .plotting import Axes, new_figure, save
+from .results import html_table, same
 
 SEGMENTS = 16
 """[1] Segments without overlap that a density is averaged over, where none is given. Source:
@@ -80,12 +76,18 @@ class Signals:
     Signals: 2 channels (x, y), 500 samples at 100 Hz (5 s)
     >>> signals["x"].samples.shape
     (500, 1)
+    >>> signals[1.0:3.0, "x"]
+    Signals: 1 channel (x), 200 samples at 100 Hz (2 s)
     """
 
+    MADE_BY = "slowtime.read(path) or slowtime.Signals(samples, rate_hz=...)"
+    """What makes one, for messages."""
+
+    @checked
     def __init__(
         self,
         samples: Any,
-        rate_hz: float,
+        rate_hz: Positive,
         channels: Sequence[str] | None = None,
         units: str | Sequence[str] = "",
         *,
@@ -109,9 +111,6 @@ class Signals:
                 f"{int((~np.isfinite(values)).sum())} samples are not finite. Fill them, or "
                 "leave these rows out."
             )
-        rate = number(rate_hz, "rate_hz", "samples per second, more than 0")
-        if not rate > 0 or not np.isfinite(rate):
-            raise ValueError(f"A sampling rate of {rate} Hz is not possible. Give Hz > 0.")
         count = values.shape[1]
         names = names_of(samples) if channels is None else texts(channels, "channels")
         names = names or tuple(f"ch{i}" for i in range(count))
@@ -130,10 +129,11 @@ class Signals:
         if len(set(names)) != count:
             raise ValueError(f"Names of channels repeat: {', '.join(names)}.")
         self._record = in_si(
-            Record(samples=values, rate_hz=rate, channels=names, units=given), (), ()
+            Record(samples=values, rate_hz=rate_hz, channels=names, units=given), (), ()
         )
 
     @classmethod
+    @checked
     def from_record(cls, record: Record) -> "Signals":
         """Wrap a record of the readers of files.
 
@@ -216,27 +216,38 @@ class Signals:
     def __contains__(self, name: object) -> bool:
         return name in self.channels
 
-    @overload
-    def __getitem__(self, chosen: str) -> "Signals": ...
-    @overload
-    def __getitem__(self, chosen: Sequence[str]) -> "Signals": ...
-    def __getitem__(self, chosen: str | Sequence[str]) -> "Signals":
-        """Select channels by name, or by number from 0.
+    def __eq__(self, other: object) -> bool:
+        """Whether samples, rate, channels, units, gaps and start are the same."""
+        if not isinstance(other, Signals):
+            return NotImplemented
+        names = ("samples", "rate_hz", "channels", "units", "gaps", "start_ns")
+        return all(
+            same(getattr(self._record, name), getattr(other._record, name)) for name in names
+        )
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __getitem__(self, chosen: Any) -> "Signals":
+        """Select channels by name or by number from 0, a span of time by a slice, or both.
+
+        ``signals["x"]`` and ``signals["x", "y"]`` are channels; ``signals[10:60]`` is the time
+        from 10 s up to, and without, 60 s after the first sample; ``signals[10:60, "x"]`` is
+        both. A slice counts in seconds, not in samples.
 
         Raises
         ------
         KeyError
             If no channel has that name, or none is named.
         TypeError
-            If it is no name; `between` cuts out a span of time.
+            If it is neither a name nor a slice of seconds.
+        ValueError
+            If the span holds fewer than two samples, or the slice has a step.
         """
-        given: Any = chosen
-        if isinstance(given, slice):
-            raise TypeError(
-                "A slice was given. Signals are selected by names of channels; "
-                "between(first_s, last_s) cuts out a span of time."
-            )
-        given = [given] if isinstance(given, int | np.integer) else given
+        if isinstance(chosen, tuple) and chosen and isinstance(chosen[0], slice):
+            return self._between(chosen[0])[list(chosen[1:])]
+        if isinstance(chosen, slice):
+            return self._between(chosen)
+        given = [chosen] if isinstance(chosen, int | np.integer) else chosen
         names = texts(given, "channels")
         if not names:
             raise KeyError(f"No channel was named. There are: {', '.join(self.channels)}.")
@@ -253,6 +264,18 @@ class Signals:
             )
         )
 
+    def _between(self, span: slice) -> "Signals":
+        """Cut out a slice of seconds."""
+        if span.step is not None:
+            raise ValueError(
+                f"A slice with step {span.step!r} was given. Give two times in seconds, such "
+                "as signals[10:60]."
+            )
+        first = 0.0 if span.start is None else span.start
+        last = self.duration_s + 1.0 / self.rate_hz if span.stop is None else span.stop
+        return self.between(first, last)
+
+    @checked
     def between(self, first_s: float, last_s: float) -> "Signals":
         """Cut out a span of time.
 
@@ -270,10 +293,7 @@ class Signals:
         ValueError
             If the span holds fewer than two samples.
         """
-        first, last = (
-            number(value, name, "seconds since the first sample")
-            for value, name in ((first_s, "first_s"), (last_s, "last_s"))
-        )
+        first, last = first_s, last_s
         if not first < last:
             raise ValueError(
                 f"The span from {first:g} to {last:g} s was given. Give a beginning and a "
@@ -287,8 +307,9 @@ class Signals:
                 f"record has {self.duration_s:g} s at {self.rate_hz:g} Hz."
             ) from error
 
+    @checked
     def psd(
-        self, segment_s: float | None = None
+        self, segment_s: Positive | None = None
     ) -> tuple[Float[np.ndarray, " frequency"], Float[np.ndarray, "frequency channel"]]:
         """Estimate one-sided power spectral densities (Welch's method, Hann window).
 
@@ -313,7 +334,7 @@ class Signals:
         if segment_s is None:
             count = max(len(self) // SEGMENTS, SHORTEST_SEGMENT)
         else:
-            length = number(segment_s, "segment_s", "seconds, more than 0") * self.rate_hz
+            length = segment_s * self.rate_hz
             if not SHORTEST_SEGMENT - 0.5 < length < len(self) + 0.5:
                 raise ValueError(
                     f"A segment of {segment_s:g} s was given. Give between "
@@ -325,7 +346,8 @@ class Signals:
         )
         return frequency, density
 
-    def plot(self, path: str | Path | None = None) -> Figure:
+    @checked
+    def plot(self, path: str | Path | None = None) -> Axes:
         """Draw the channels over time, and their densities.
 
         Parameters
@@ -335,9 +357,9 @@ class Signals:
 
         Returns
         -------
-        The matplotlib figure.
+        The matplotlib axes: over time, and over frequency.
         """
-        figure, (over_time, over_frequency) = new_figure(2)
+        over_time, over_frequency = axes = new_figure(2)
         frequency, density = self.psd()
         for column, name in enumerate(self.channels):
             unit = self.units[column]
@@ -347,9 +369,11 @@ class Signals:
         over_time.set(xlabel="time [s]", ylabel=", ".join(dict.fromkeys(self.units)))
         over_time.legend(loc="upper right")
         over_frequency.set(xlabel="frequency [Hz]", ylabel="power spectral density [unit²/Hz]")
-        return save(figure, path)
+        return save(axes, path)
 
-    def to_dataframe(self) -> Any:
+    to_dataframe = renamed("Signals.to_dataframe", "to_pandas")
+
+    def to_pandas(self) -> Any:
         """Convert to a pandas DataFrame.
 
         Returns
@@ -387,6 +411,18 @@ class Signals:
             attrs={"rate_hz": self.rate_hz},
         )
 
+    def _repr_html_(self) -> str:
+        rows = [
+            {
+                "channel": name, "unit": unit, "rms": float(np.sqrt(np.mean(column**2))),
+                "smallest": float(column.min()), "largest": float(column.max()),
+            }
+            for name, unit, column in zip(
+                self.channels, self.units, np.asarray(self, dtype=float).T, strict=True
+            )
+        ]  # fmt: skip
+        return html_table(repr(self), rows)
+
     def __repr__(self) -> str:
         names = ", ".join(self.channels[:6]) + (", ..." if len(self.channels) > 6 else "")
         count = len(self.channels)
@@ -394,22 +430,6 @@ class Signals:
             f"Signals: {count} {'channel' if count == 1 else 'channels'} ({names}), "
             f"{len(self)} samples at {self.rate_hz:g} Hz ({self.duration_s:g} s)"
         )
-
-
-def checked_signals(signals: Any, function: str) -> Signals:
-    """Return signals as they are, or say how to make them.
-
-    Raises
-    ------
-    TypeError
-        If they are something else, such as an array or a path.
-    """
-    if not isinstance(signals, Signals):
-        raise TypeError(
-            f"slowtime.{function} takes Signals; {type(signals).__name__} was given. Make them "
-            "with slowtime.read(path) or slowtime.Signals(samples, rate_hz=...)."
-        )
-    return signals
 
 
 @takes(ReadingOptions)

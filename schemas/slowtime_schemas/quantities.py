@@ -15,6 +15,7 @@ from pydantic import (
     ValidationInfo,
 )
 
+from .keyed_access import KeyedAccess
 from .plain_text import plain_throughout
 
 AS_STORED = {"names": "as stored"}
@@ -179,10 +180,13 @@ class Quantity(Frozen):
     sd: Sd
 
 
-class Estimate(Frozen):
+class Estimate(KeyedAccess, Frozen):
     """A value, its standard deviation and its 95 % interval."""
 
     value: Finite
     sd: Sd
     lo: Finite
     hi: Finite
+
+    def __float__(self) -> float:
+        return self.value

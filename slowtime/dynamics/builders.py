@@ -2,8 +2,11 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+from jaxtyping import Float
+
 from .description import Description, Sensor
-from .elements import BASE, Beam, Element, Node, Spring
+from .elements import BASE, Beam, Element, Matrix, Node, Spring, packed
 
 SUPPORTS = ("cantilever", "simply supported", "clamped", "propped", "free")
 
@@ -224,6 +227,83 @@ def beam(
     free = (one.id for one in nodes if "translation" not in one.held)
     sensors = tuple(accelerometer(one) for one in free)
     return Description(name=name, nodes=nodes, elements=spans, sensors=sensors)
+
+
+def of_matrices(
+    mass: Float[np.ndarray, "dof dof"],
+    stiffness: Float[np.ndarray, "dof dof"],
+    damping: Float[np.ndarray, "dof dof"] | None = None,
+    *,
+    coordinates: Sequence[str] | None = None,
+    name: str = "matrices",
+) -> Description:
+    """Describe a structure by its matrices: one element ``matrices`` over all coordinates.
+
+    Parameters
+    ----------
+    mass, stiffness, damping
+        Symmetric matrices [kg], [N/m], [N s/m]; undamped where no damping is given.
+    coordinates
+        Name of each coordinate, a displacement relative to the base; ``x1``, ``x2`` … where
+        not given.
+    name
+        Of the description.
+
+    Returns
+    -------
+    Description with an accelerometer on each coordinate.
+
+    Raises
+    ------
+    ValueError
+        If a matrix is not symmetric, shapes differ, or the mass is not positive definite.
+
+    Examples
+    --------
+    >>> from .description import assemble
+    >>> assemble(of_matrices(np.eye(2), np.diag([4.0, 9.0]))).stiffness
+    array([[4., 0.],
+           [0., 9.]])
+    """
+    damping = np.zeros_like(mass) if damping is None else damping
+    count = len(mass)
+    for what, matrix in (("mass", mass), ("stiffness", stiffness), ("damping", damping)):
+        if matrix.shape != (count, count):
+            raise ValueError(
+                f"{what} has shape {matrix.shape}. Give square matrices of {count} rows, as of "
+                "the mass."
+            )
+        if not np.allclose(matrix, matrix.T, rtol=0.0, atol=ASYMMETRY * np.abs(matrix).max()):
+            raise ValueError(
+                f"{what} is not symmetric. Give its symmetric part, (A + A.T) / 2."
+            )
+    if np.linalg.eigvalsh(mass)[0] <= 0.0:
+        raise ValueError("mass is not positive definite. Leave coordinates without mass out.")
+    names = [f"x{i + 1}" for i in range(count)] if coordinates is None else list(coordinates)
+    if len(names) != count:
+        raise ValueError(f"{len(names)} coordinates for {count} rows. Give one name for each.")
+    if count == 1:
+        spring = Spring(
+            id="matrices", between=(BASE, names[0]), stiffness_n_per_m=float(stiffness[0, 0]),
+            damping_n_s_per_m=float(damping[0, 0]),
+        )  # fmt: skip
+        nodes: tuple[Node, ...] = (Node(id=names[0], mass_kg=float(mass[0, 0])),)
+        elements: tuple[Element, ...] = (spring,)
+    else:
+        nodes = tuple(Node(id=one, kind="beam", held=("rotation",)) for one in names)
+        whole = Matrix(
+            id="matrices", coordinates=tuple(names), stiffness_terms=packed(stiffness),
+            mass_terms=packed(mass), damping_terms=packed(damping),
+        )  # fmt: skip
+        elements = (whole,)
+    return Description(
+        name=name, nodes=nodes, elements=elements, sensors=tuple(map(accelerometer, names))
+    )
+
+
+ASYMMETRY = 1e-8
+"""Relative asymmetry [1] above which a matrix is refused; text files often keep ten digits
+only."""
 
 
 def accelerometer(node: str, *, unit: str = "m/s^2") -> Sensor:

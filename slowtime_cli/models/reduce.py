@@ -6,87 +6,39 @@ from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
 
-from slowtime.finite_elements.reduction import (
-    AdaptiveModel,
-    BasisSettings,
-    reduce_modal,
-    settings_for_band,
-)
+from slowtime_api.finite_elements.reduction import reduce as reduce_model
 from slowtime_cli.shared.terminal import note, show
-from slowtime_services.matrices import (
-    MatrixModel,
-    describe_reduced,
-    read_matrix_model,
-    write_reduced,
-)
-from slowtime_services.models import model_file_of, write_model
-from slowtime_services.wireframes import geometry_of, with_geometry
 
 from .shape_report import reduced_shapes, write_shapes
-
-MODEL_FILES = (".yaml", ".yml", ".json")
-"""Endings of a reduced model that is written as a model file."""
 
 
 def reduce(model: Path, **given: Any) -> None:
     """Read, reduce, verify and print."""
-    read = read_matrix_model(model)
-    matrices = read.matrices
-    settings = BasisSettings(
-        modes=given["modes"] or 1,
-        coordinates=given["coordinates"],
-        span=given["span"],
-        seed=given["seed"],
-    )
-    if given["band_hz"] is not None:
-        settings = settings_for_band(matrices, given["band_hz"], settings)
-    reduced = reduce_modal(matrices, settings, trials=given["trials"])
-    frequencies = reduced.modes(np.zeros(len(reduced.names)), settings.modes).frequency_hz
-    if given["report"] is not None:
-        wire, shapes = reduced_shapes(read, reduced, settings.modes)
-        write_shapes(given["report"], read.name, wire, shapes)
-    if given["out"] is not None:
-        _write(given["out"], read, reduced, settings)
-    error = None if reduced.error is None else dataclasses.asdict(reduced.error)
-    if given["as_json"]:
+    report, out, as_json = (given.pop(name) for name in ("report", "out", "as_json"))
+    found = reduce_model(model, **given)
+    reduced, read = found.reduced, found.full.model
+    if report is not None:
+        wire, shapes = reduced_shapes(read, reduced, found.settings.modes)
+        write_shapes(report, read.name, wire, shapes)
+    if out is not None and (left_out := found.save(out)):
+        note(f"Strains are left out of {out.name}: {', '.join(left_out)}.")
+    if as_json:
         body = {
-            "degrees_of_freedom": matrices.size,
+            "degrees_of_freedom": len(found.full),
             "coordinates": reduced.size,
-            "frequency_hz": frequencies.tolist(),
+            "frequency_hz": found.frequency_hz.tolist(),
             "parameters": reduced.names,
-            "error": error,
+            "error": None if reduced.error is None else dataclasses.asdict(reduced.error),
         }
         click.echo(json.dumps(body, indent=2))
         return
-    show(
-        f"{matrices.size} degrees of freedom, {reduced.size} coordinates",
-        ("mode", "frequency [Hz]"),
-        [(str(j + 1), f"{f:.6g}") for j, f in enumerate(frequencies)],
-        plain=[{"mode": j + 1, "frequency_hz": float(f)} for j, f in enumerate(frequencies)],
-    )
+    rows = found.rows()
+    cells = [(str(row["mode"]), f"{row['frequency_hz']:.6g}") for row in rows]
+    show(found.heading, ("mode", "frequency [Hz]"), cells, plain=rows)
     if reduced.error is not None:
         note(
             f"At {reduced.error.trials} random parameters up to {reduced.error.span:g} the "
             f"frequencies err by at most {reduced.error.frequency:.2%}, and shapes agree to "
             f"{reduced.error.agreement:.5f} (mass-weighted MAC)."
         )
-
-
-def _write(
-    out: Path, read: MatrixModel, reduced: AdaptiveModel, settings: BasisSettings
-) -> None:
-    """Write the reduced model: as a model file, or as an archive for updating."""
-    suffix = out.suffix.lower()
-    if suffix not in MODEL_FILES:
-        write_reduced(out, reduced)
-        return
-    found = describe_reduced(read, settings)
-    if found.left_out:
-        note(f"Strains are left out of {out.name}: {', '.join(found.left_out)}.")
-    file = with_geometry(model_file_of(found.description), geometry_of(read, found))
-    if suffix == ".json":
-        out.write_text(file.model_dump_json(), encoding="utf-8")
-    else:
-        write_model(out, file)

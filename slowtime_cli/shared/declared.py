@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 import click
 
-from slowtime_services.declared import alternatives, parameter_entries
+from slowtime_services.argument_checks import alternatives, parameter_entries
 
 from .help_pages import Rare
 from .options import EXISTING, POSITIVE, Names, Real

@@ -8,9 +8,10 @@ from collections.abc import Iterator
 
 import click
 
+from slowtime_api.twin_files import registration_of, samples_of
 from slowtime_cli.shared.offline_twin import offline_twin
+from slowtime_cli.shared.terminal import note
 from slowtime_cli.twins.event import orders_of
-from slowtime_cli.twins.evolve import registration_of, samples_of
 from slowtime_cli.twins.twin_query import TwinQuery
 from twin_server.pipeline import AssetEvents, TwinKnowledge
 from twin_server.registration.twin import Registration, registrations
@@ -21,7 +22,7 @@ from twin_server.serve import ProblemError
 def twin_of_file(asked: TwinQuery) -> Iterator[tuple[TwinKnowledge, str, Registration]]:
     """Make a twin of a file, and let it be asked."""
     assert asked.source is not None
-    twin_id, samples = samples_of(asked.source, asked.asset)
+    twin_id, samples = samples_of(asked.source, asked.asset, note)
     registration = _registration_of(asked, twin_id)
     with offline_twin() as (pipeline, store):
         pipeline.register(twin_id, registration)

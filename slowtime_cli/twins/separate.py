@@ -10,13 +10,12 @@ import numpy as np
 
 from slowtime.evolution.forecasting.forecast import fit
 from slowtime.evolution.time_scales import separation
+from slowtime_api.twin_files import samples_of
 from slowtime_cli.shared.tables import read_columns
 from slowtime_cli.shared.terminal import note, show
 from slowtime_schemas.codec import decode
 from slowtime_schemas.messages import Features
 from slowtime_schemas.streams import FEATURES
-
-from .evolve import samples_of
 
 NORMAL_QUANTILE_97_5 = 1.959963984540054
 """Quantile 0.975 of the standard normal distribution [1]."""
@@ -76,7 +75,7 @@ def _history(source: Path, asset: str | None) -> tuple[np.ndarray, np.ndarray, n
         if {"slow_time", "value", "sd"} <= set(table):
             order = np.argsort(table["slow_time"], kind="stable")
             return table["slow_time"][order], table["value"][order], table["sd"][order], "value"
-    _, samples = samples_of(source, asset)
+    _, samples = samples_of(source, asset, note)
     told = (decode(FEATURES, sample.payload) for sample in samples)
     rows = [
         (one.slow_time, mode.frequency_hz.value, mode.frequency_hz.sd)

@@ -1,7 +1,5 @@
 """From a model to signals, modes, a diagnosis and a twin; truth by closed forms."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from scipy import signal
@@ -61,7 +59,7 @@ def test_modes_are_shown_and_exported(modes, tmp_path):
         one for one in pyuff.UFF(str(tmp_path / "modes.uff")).read_sets() if one["type"] == 55
     ]
     assert len(sets) == 2
-    assert modes.to_dataframe()["frequency_hz"].tolist() == modes.frequencies_hz.tolist()
+    assert modes.to_pandas()["frequency_hz"].tolist() == modes.frequencies_hz.tolist()
 
 
 def test_a_model_file_gives_the_same_model_again(model, tmp_path):
@@ -86,15 +84,25 @@ def test_the_response_to_an_input_is_that_of_scipy(tmp_path):
     np.testing.assert_allclose(found.samples[:, 0], want, atol=1e-6)
 
 
-def test_what_is_missing_for_a_simulation_is_asked_for(model):
-    cases: list[tuple[dict[str, Any], str]] = [
-        ({}, "rate_hz"),
-        ({"rate_hz": 50.0}, "duration_s"),
-        ({"rate_hz": 50.0, "duration_s": 9.0}, "seed"),
-    ]
-    for arguments, missing in cases:
-        with pytest.raises(ValueError, match=missing):
-            st.simulate(model, **arguments)
+def test_an_ambient_simulation_has_defaults_that_identify_its_modes(model):
+    signals = st.simulate(model)
+    assert signals.rate_hz == pytest.approx(4 * FREQUENCIES[1])
+    assert signals.duration_s == pytest.approx(1000 / FREQUENCIES[0], rel=1e-3)
+    found = st.identify(signals, method="modes")
+    assert len(found) == 2
+    for mode, true in zip(found, FREQUENCIES, strict=True):
+        assert abs(float(mode.frequency_hz) - true) < 4 * mode.frequency_hz.sd
+
+
+def test_inputs_without_a_rate_are_asked_for_it():
+    driven = st.Model.chain([1.0], [400.0], inputs=["m1"])
+    with pytest.raises(ValueError, match="Give them as `inputs`"):
+        st.simulate(driven)
+    with pytest.raises(ValueError, match="Give rate_hz"):
+        st.simulate(driven, {"f_m1": np.zeros(9)})
+    stiff = st.Model.chain([1.0, 1.0], [1e-2, 1e6], rayleigh=(1e-3, 1e-6))
+    with pytest.raises(ValueError, match="Give rate_hz and duration_s"):
+        st.simulate(stiff)
 
 
 def test_a_twin_follows_a_stiffness_that_falls(tmp_path):
@@ -104,13 +112,14 @@ def test_a_twin_follows_a_stiffness_that_falls(tmp_path):
     for number, stiffness in enumerate(with_stiffness):
         hz = 3.0 * np.sqrt(stiffness) + 0.002 * rng.standard_normal()
         state = twin.update(float(number), hz, 0.002)
-    change = state["stiffness_change"]
-    assert change["lo"] - 0.002 < with_stiffness[-1] - 1 < change["hi"] + 0.002
+    change = state.stiffness_change
+    assert change.lo - 0.002 < with_stiffness[-1] - 1 < change.hi + 0.002
     assert len(twin.history()) == 25
-    (crossing,) = twin.forecast(50.0, threshold=-0.2)["crossings"]
-    assert 30 < crossing["median"] < 70
+    (crossing,) = twin.forecast(50.0, threshold=-0.2).crossings
+    assert crossing.median is not None
+    assert 30 < crossing.median < 70
     twin.plot(tmp_path / "twin.png")
-    assert len(twin.to_dataframe()) == 25
+    assert len(twin.to_pandas()) == 25
     with pytest.raises(ValueError, match="was given after 24"):
         twin.update(3.0, 3.0, 0.01)
     twin.close()

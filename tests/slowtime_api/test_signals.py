@@ -44,7 +44,7 @@ def test_a_file_is_read_as_pandas_reads_it_with_its_clock(tmp_path):
     signals = st.read(tmp_path / "record.csv", units="g")
     assert signals.rate_hz == pytest.approx(RATE)
     assert signals.start == times[0].to_pydatetime()
-    frame = signals.to_dataframe()
+    frame = signals.to_pandas()
     assert list(frame.columns) == ["acc_x", "acc_y"]
     np.testing.assert_allclose(frame["acc_x"], 9.80665 * table["acc_x"], rtol=1e-9)
     assert abs((frame.index - times).total_seconds()).max() < 1e-6
@@ -87,7 +87,7 @@ def test_more_channels_than_samples_are_asked_about():
     [
         (([1.0], RATE), "at least two rows"),
         (([1.0, np.nan, 2.0], RATE), "1 samples are not finite"),
-        (([1.0, 2.0], 0.0), "sampling rate of 0.0 Hz"),
+        (([1.0, 2.0], 0.0), "rate_hz=0.0 was given. Give a number above 0"),
         ((np.zeros((9, 2)), RATE, ["x"]), "1 channels were given for 2 columns"),
         ((np.zeros((9, 2)), RATE, ["x", "x"]), "repeat"),
         ((np.zeros((9, 2)), RATE, None, ["V", "furlong"]), "The unit 'furlong' is not known"),

@@ -82,21 +82,26 @@ def test_a_rate_that_is_no_number_is_named(rate):
 @pytest.mark.parametrize(
     ("use", "error", "message"),
     [
-        (lambda s: s[0:5], TypeError, r"between\(first_s, last_s\) cuts out"),
+        (lambda s: s[0:5:2], ValueError, r"step 2 was given. Give two times in seconds"),
+        (lambda s: s["a":"b"], TypeError, "first_s='a' was given"),
+        (lambda s: s[29.99:], ValueError, "fewer than two samples"),
+        (lambda s: s[0:5, "b"], KeyError, "has no|no channel|b"),
         (lambda s: s[[]], KeyError, "No channel was named. There are: a"),
         (lambda s: s[[1.5]], TypeError, "Give a text, or a list of texts"),
         (lambda s: list(s), TypeError, "not iterable"),
         (lambda s: s.between("a", 5), TypeError, "first_s='a' was given"),
         (lambda s: s.between(5, 1), ValueError, "The span from 5 to 1 s was given"),
         (lambda s: s.between(29.99, 30), ValueError, "fewer than two samples"),
-        (lambda s: s.psd(np.nan), ValueError, "A segment of nan s was given. Give between"),
+        (lambda s: s.psd(np.nan), ValueError, "segment_s=nan was given. Give a finite number"),
+        (lambda s: s.psd(0.01), ValueError, "A segment of 0.01 s was given. Give between"),
         (lambda s: s.psd("a"), TypeError, "segment_s='a' was given"),
         (lambda s: s.between(0, 0.1).psd(), ValueError, "A density needs 8"),
         (lambda s: s.plot("."), IsADirectoryError, "is a folder. Give a file"),
         (lambda s: st.Signals(DECAY, RATE, channels=["time_s"]).to_xarray(), ValueError,
          "as the axis is"),
         (lambda s: st.Signals(DECAY, RATE, units=5), TypeError, "units=5 was given"),
-        (lambda s: st.identify(DECAY), TypeError, "takes Signals; ndarray was given"),
+        (lambda s: st.identify(DECAY), TypeError,
+         r"signals of type ndarray was given\. Give Signals: .*slowtime\.read"),
         (lambda s: st.identify(s, method="foo"), ValueError, "method='foo'.*Allowed: auto"),
         (lambda s: st.identify(s, band_hz=5), TypeError, "band_hz=5 was given. Give two"),
         (lambda s: st.identify(st.Signals(1e300 * DECAY, RATE)), ValueError,
@@ -145,13 +150,25 @@ def test_a_missing_file_and_a_folder_are_named(tmp_path):
     ("make", "error", "message"),
     [
         (lambda: st.Model.chain("ab", [1, 1]), TypeError, "masses_kg='ab'"),
-        (lambda: st.Model.chain([1], [np.nan]), ValueError, "Give finite numbers: stiffnesses"),
+        (
+            lambda: st.Model.chain([1], [np.nan]),
+            ValueError,
+            r"stiffnesses_n_per_m\[0\]=nan was given. Give a finite number",
+        ),
         (lambda: st.Model.chain([1], [4], rayleigh=5), TypeError, "rayleigh=5.*two numbers"),
         (lambda: st.Model.shear_frame(1, 1), TypeError, "floors_kg=1 was given"),
         (lambda: st.Model.beam(0, 1, 1), ValueError, "length_m=0 was given"),
         (lambda: st.Model.beam(1, 1, 1, elements=2.5), ValueError, "whole number from 2"),
-        (lambda: st.simulate("a.yaml", rate_hz=5), TypeError, "takes a Model; str was given"),
-        (lambda: st.diagnose(None, "a.csv"), TypeError, "takes a Model; NoneType"),
+        (
+            lambda: st.simulate("a.yaml", rate_hz=5),
+            TypeError,
+            r"model='a.yaml' was given. Give Model: .*Model.from_file",
+        ),
+        (
+            lambda: st.diagnose(None, "a.csv"),
+            TypeError,
+            "model=None was given. Give Model or a text",
+        ),
         (lambda: st.connect(ca="/nowhere/ca.pem"), FileNotFoundError, "/nowhere/ca.pem"),
     ],
 )
@@ -163,14 +180,18 @@ def test_wrong_numbers_of_a_model_are_named(make, error, message):
 @pytest.mark.parametrize(
     ("options", "error", "message"),
     [
-        ({"rate_hz": -1}, ValueError, "rate_hz=-1 was given. Give more than 0"),
+        ({"rate_hz": -1}, ValueError, "rate_hz=-1 was given. Give a number above 0"),
         ({"duration_s": "a"}, TypeError, "duration_s='a' was given"),
         ({"duration_s": np.inf}, ValueError, "duration_s=inf was given"),
         ({"duration_s": 0.001}, ValueError, "is 0 sample"),
         ({"seed": 1.5}, ValueError, "seed=1.5 was given. Give a whole number"),
         ({"hold": "foo"}, ValueError, "Allowed: first, zero, band_limited"),
         ({"inputs": {"q": DECAY}}, ValueError, "The model has no inputs; q was given"),
-        ({"inputs": DECAY}, TypeError, "inputs of type ndarray were given"),
+        (
+            {"inputs": DECAY},
+            TypeError,
+            "inputs of type ndarray was given. Give Signals or a mapping",
+        ),
     ],
 )
 def test_wrong_options_of_a_simulation_are_named(chain, options, error, message):
@@ -182,7 +203,7 @@ def test_wrong_options_of_a_simulation_are_named(chain, options, error, message)
     ("options", "error", "message"),
     [
         ({"signals": DECAY}, TypeError, "signals of type ndarray was given"),
-        ({"signals": [5]}, TypeError, "signals holds a int"),
+        ({"signals": [5]}, TypeError, "signals.*5.* was given|signals of type list"),
         ({"signals": []}, ValueError, "No signals were given"),
         ({"channels": ["a"]}, TypeError, r"channels=\['a'\] was given"),
         ({"patience_s": -1}, ValueError, "patience_s=-1 was given"),
@@ -198,7 +219,7 @@ def test_wrong_options_of_a_diagnosis_are_named(chain, signals, options, error, 
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"nominal_hz": -3}, "nominal_hz=-3 was given. Input should be greater than 0"),
+        ({"nominal_hz": -3}, "nominal_hz=-3 was given. Give a number above 0"),
         ({"nominal_damping": 0.02}, "without nominal_hz"),
         ({"changes": "foo"}, "Allowed: stiffness, mass, both"),
         ({"learn_readings": 0}, "learn_readings=0 was given"),
@@ -216,8 +237,8 @@ def test_wrong_readings_of_a_twin_leave_it_as_it_was():
     for reading, error, message in (
         (("a", 3, 0.01), TypeError, "slow_time='a' was given"),
         ((0.0, 3, 0.01), ValueError, "in ascending order"),
-        ((2.0, -3, 0.01), ValueError, "frequency of -3"),
-        ((2.0, 3, np.nan), ValueError, "standard deviation of nan"),
+        ((2.0, -3, 0.01), ValueError, "frequency_hz=-3 was given. Give a number from 0"),
+        ((2.0, 3, np.nan), ValueError, "frequency_sd=nan was given. Give a finite"),
         ((2.0, 3, 0.01, 0.02), ValueError, "Give both or none"),
     ):
         with pytest.raises(error, match=message):
@@ -225,7 +246,7 @@ def test_wrong_readings_of_a_twin_leave_it_as_it_was():
     for options, message in (
         ({"horizon": -1}, "horizon=-1 was given"),
         ({"points": 0}, "points=0 was given"),
-        ({"threshold": np.nan}, "Give finite numbers: a change"),
+        ({"threshold": np.nan}, "threshold=nan was given. Give a finite"),
     ):
         with pytest.raises(ValueError, match=message):
             twin.forecast(**options)
@@ -261,7 +282,7 @@ except ImportError as error:
 @pytest.mark.parametrize(
     ("given", "error", "message"),
     [
-        ({"near_hz": -1.0}, ValueError, "near_hz=-1 was given. Give more than 0"),
+        ({"near_hz": -1.0}, ValueError, "near_hz=-1.0 was given. Give a number above 0"),
         ({"near_hz": "low"}, TypeError, "near_hz='low' was given. Give one number"),
         ({"band_hz": 3.0}, TypeError, "Give two numbers"),
         ({"band_hz": (20.0, 24.0)}, ValueError, "half-overlapping windows|No motion"),

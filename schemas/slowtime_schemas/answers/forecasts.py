@@ -1,9 +1,10 @@
 """Answers about the forecast of a twin."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import ConfigDict, Field
 
+from slowtime_schemas.keyed_access import KeyedAccess
 from slowtime_schemas.quantities import Estimate
 
 from .base import Extensible, RestAnswer
@@ -58,7 +59,7 @@ FORECAST_EXAMPLE: dict[str, Any] = {
 }
 
 
-class ForecastPoint(RestAnswer):
+class ForecastPoint(KeyedAccess, RestAnswer):
     """Forecast at one slow time; null for quantities that are not estimated."""
 
     slow_time: float
@@ -69,7 +70,7 @@ class ForecastPoint(RestAnswer):
     )
 
 
-class CrossingTime(RestAnswer):
+class CrossingTime(KeyedAccess, RestAnswer):
     """By when a threshold has been crossed with a probability."""
 
     share: float = Field(description="The probability.")
@@ -77,7 +78,7 @@ class CrossingTime(RestAnswer):
     ahead: float | None = Field(description="The same, from the last reading on.")
 
 
-class DistributionModel(RestAnswer):
+class DistributionModel(KeyedAccess, RestAnswer):
     """Distribution function, straight between its points."""
 
     slow_time: tuple[float, ...]
@@ -99,7 +100,7 @@ class ReliabilityClass(RestAnswer):
     hi: float
 
 
-class CrossingModel(RestAnswer):
+class CrossingModel(KeyedAccess, RestAnswer):
     """When a threshold is first crossed: a distribution."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [CROSSING_EXAMPLE]})
@@ -137,10 +138,11 @@ class CrossingModel(RestAnswer):
     sentence: str
 
 
-class ForecastModel(RestAnswer):
+class ForecastModel(KeyedAccess, RestAnswer):
     """Where a twin is heading."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [FORECAST_EXAMPLE]})
+    TABLE: ClassVar[str] = "points"
 
     id: str
     since: float | None = Field(description="Slow time of the last reading.")

@@ -1,6 +1,6 @@
 """Answers about maintenance plans."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import ConfigDict, Field
 
@@ -289,6 +289,7 @@ class PlanModel(RestAnswer):
     """Recommended action for a twin's structure: date, reasons, and what would change it."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [PLAN_EXAMPLE]})
+    TABLE: ClassVar[str] = "options"
 
     id: str
     name: str = Field("", description="Of the structure, as registered.")

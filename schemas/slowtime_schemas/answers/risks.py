@@ -1,6 +1,6 @@
 """Answers about the risk of a twin."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import ConfigDict, Field
 
@@ -96,6 +96,7 @@ class RiskModel(RestAnswer):
     """Failure probability of a twin by each limit state of its registration."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [RISK_EXAMPLE]})
+    TABLE: ClassVar[str] = "limit_states"
 
     id: str
     since: float | None = Field(description="Slow time of the last reading.")

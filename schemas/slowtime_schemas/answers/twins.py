@@ -5,6 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field
 
+from slowtime_schemas.keyed_access import KeyedAccess
 from slowtime_schemas.messages import LinkProfile, Shape
 from slowtime_schemas.quantities import Estimate
 
@@ -107,7 +108,7 @@ class OfElements(RestAnswer):
     modes: tuple[SeenModeModel, ...] = ()
 
 
-class State(OfElements):
+class State(KeyedAccess, OfElements):
     """The state of a twin after one features message."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [STATE_EXAMPLE, ELEMENTS_EXAMPLE]})

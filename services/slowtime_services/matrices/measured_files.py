@@ -52,10 +52,39 @@ def read_measured_modes(
             "`slowtime identify "
             "RECORD --method modes --out modes.json` wrote."
         ) from None
+    return measured_modes(
+        found, model, frequency_error=frequency_error, shape_error=shape_error, name=path.name
+    )
+
+
+def measured_modes(
+    found: ModesFile,
+    model: MatrixModel,
+    *,
+    frequency_error: float = 0.0,
+    shape_error: float = 0.0,
+    name: str = "The list of modes",
+) -> MeasuredModes:
+    """Convert the content of a modes file to data for a model.
+
+    Parameters
+    ----------
+    found
+        Content of a modes file.
+    model, frequency_error, shape_error
+        As of `read_measured_modes`.
+    name
+        What the file is called in messages.
+
+    Raises
+    ------
+    MatrixFileError
+        Where none of the modes is structural.
+    """
     modes = [mode for mode in found.modes or () if mode.kind == "structural"]
     if not modes:
         raise MatrixFileError(
-            f"{path.name} has no structural mode of a whole record. Identify a longer record, "
+            f"{name} has no structural mode of a whole record. Identify a longer record, "
             "without --window-s."
         )
     frequency = np.array([mode.frequency_hz.value for mode in modes])

@@ -54,10 +54,14 @@ class Input:
 
     Parameters
     ----------
+    channel
+        Name of the channel that measures it.
     kind
         ``force``; ``base_acceleration``, ``base_velocity``, ``base_displacement``; or
         ``imposed_acceleration``, ``imposed_velocity``, ``imposed_displacement`` of a support,
         or of a node that an actuator drives. Motion is absolute, not relative to the base.
+    unit
+        Unit of the channel, such as ``N`` or ``m/s^2``.
     node
         Node that a force acts on, or support or node that is moved; None for the base.
     hold
@@ -88,6 +92,10 @@ class Sensor:
 
     Parameters
     ----------
+    channel
+        Name of the channel.
+    unit
+        Unit of the channel, such as ``m/s^2``, ``g`` or ``mm``.
     quantity
         ``displacement``, ``velocity`` or ``acceleration`` of a node or a support, or
         ``force``.

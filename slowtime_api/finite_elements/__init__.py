@@ -1,0 +1,1 @@
+"""Finite-element models: updated from modes, reduced, and sensors placed on them."""
