@@ -29,6 +29,13 @@ _MODULES = {
     "slowtime_api.finite_elements.placement": ("PlacedSensors", "place"),
     "slowtime_api.finite_elements.reduction": ("ReducedFiniteElements", "reduce"),
     "slowtime_api.finite_elements.conversion": ("ConvertedMesh", "convert"),
+    "slowtime_api.effect_list": ("EffectCatalogue", "effects"),
+    "slowtime_api.responses.virtual_quantities": ("VirtualQuantity", "virtual"),
+    "slowtime_api.responses.fatigue_damage": ("FatigueDamage", "fatigue_damage"),
+    "slowtime_api.probabilities.reliability_methods": (
+        "FailureProbability",
+        "failure_probability",
+    ),
     "slowtime_api.twin_responses": ("TwinResponse",),
     "slowtime_api.twins": ("Twin", "connect", "evolve"),
 }
@@ -40,7 +47,10 @@ __all__ = [
     "ConvertedMesh",
     "DecayLaw",
     "DiagnosisResult",
+    "EffectCatalogue",
     "EstimatedMode",
+    "FailureProbability",
+    "FatigueDamage",
     "FiniteElementModel",
     "Input",
     "Model",
@@ -52,11 +62,15 @@ __all__ = [
     "Twin",
     "TwinResponse",
     "UpdatedModel",
+    "VirtualQuantity",
     "__version__",
     "connect",
     "convert",
     "diagnose",
+    "effects",
     "evolve",
+    "failure_probability",
+    "fatigue_damage",
     "fit_decay",
     "identify",
     "place",
@@ -64,6 +78,7 @@ __all__ = [
     "reduce",
     "simulate",
     "update",
+    "virtual",
 ]
 
 

@@ -2,7 +2,10 @@ __all__ = [
     "ConvertedMesh",
     "DecayLaw",
     "DiagnosisResult",
+    "EffectCatalogue",
     "EstimatedMode",
+    "FailureProbability",
+    "FatigueDamage",
     "FiniteElementModel",
     "Input",
     "Model",
@@ -14,11 +17,15 @@ __all__ = [
     "Twin",
     "TwinResponse",
     "UpdatedModel",
+    "VirtualQuantity",
     "__version__",
     "connect",
     "convert",
     "diagnose",
+    "effects",
     "evolve",
+    "failure_probability",
+    "fatigue_damage",
     "fit_decay",
     "identify",
     "place",
@@ -26,6 +33,7 @@ __all__ = [
     "reduce",
     "simulate",
     "update",
+    "virtual",
 ]
 
 from slowtime.dynamics.channels.declarations import Input as Input
@@ -34,6 +42,8 @@ from slowtime_api.decays import DecayLaw as DecayLaw
 from slowtime_api.decays import fit_decay as fit_decay
 from slowtime_api.diagnoses import DiagnosisResult as DiagnosisResult
 from slowtime_api.diagnoses import diagnose as diagnose
+from slowtime_api.effect_list import EffectCatalogue as EffectCatalogue
+from slowtime_api.effect_list import effects as effects
 from slowtime_api.finite_elements.conversion import ConvertedMesh as ConvertedMesh
 from slowtime_api.finite_elements.conversion import convert as convert
 from slowtime_api.finite_elements.matrix_models import FiniteElementModel as FiniteElementModel
@@ -50,6 +60,16 @@ from slowtime_api.modal_estimates import Modes as Modes
 from slowtime_api.modal_estimates import identify as identify
 from slowtime_api.models import Model as Model
 from slowtime_api.models import simulate as simulate
+from slowtime_api.probabilities.reliability_methods import (
+    FailureProbability as FailureProbability,
+)
+from slowtime_api.probabilities.reliability_methods import (
+    failure_probability as failure_probability,
+)
+from slowtime_api.responses.fatigue_damage import FatigueDamage as FatigueDamage
+from slowtime_api.responses.fatigue_damage import fatigue_damage as fatigue_damage
+from slowtime_api.responses.virtual_quantities import VirtualQuantity as VirtualQuantity
+from slowtime_api.responses.virtual_quantities import virtual as virtual
 from slowtime_api.signals import Signals as Signals
 from slowtime_api.signals import read as read
 from slowtime_api.twin_responses import TwinResponse as TwinResponse

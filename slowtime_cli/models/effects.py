@@ -5,17 +5,13 @@ from collections.abc import Iterator, Mapping
 
 import click
 
-from slowtime.dynamics.effects import Kind, Parameter, catalogue
+from slowtime.dynamics.effects import Kind, Parameter
+from slowtime_api.effect_list import effects as listed
 
 
 def effects(names: tuple[str, ...], *, markdown: bool) -> int:
     """List the catalogue, or describe the effects of these names."""
-    known = catalogue()
-    unknown = [name for name in names if name not in known]
-    if unknown:
-        raise click.UsageError(
-            f"There is no effect {unknown[0]!r}. Effects: {', '.join(known)}."
-        )
+    known = listed(*names).kinds
     if names:
         lines = [line for name in names for line in _described(known[name])]
     else:

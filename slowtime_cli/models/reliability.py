@@ -9,11 +9,11 @@ from typing import Any
 
 import click
 
-from slowtime.reliability import METHODS, DesignPoint, Problem, Result, estimate
+from slowtime.reliability import DesignPoint, Problem, Result
+from slowtime_api.probabilities.reliability_methods import Method, failure_probability
 from slowtime_cli.shared.report_flags import report_language, report_subject
 from slowtime_cli.shared.terminal import note, show
 from slowtime_cli.verbs.models.reliability import DEFAULT
-from slowtime_services.problem_files.reliability import read_stated_problem
 from slowtime_services.reports.kinds.reliability import write_reliability_report
 
 COLUMNS = ("method", "P_f [1]", "95 % interval [1]", "beta [1]", "c.o.v. [%]", "calls [1]")
@@ -24,7 +24,7 @@ MAX_POINTS = 5
 def reliability(
     problem: Path,
     limit_state: Path | None,
-    methods: Sequence[str],
+    methods: Sequence[Method],
     variation: float,
     calls: int,
     seed: int,
@@ -38,17 +38,12 @@ def reliability(
     ValueError
         Where no method could be applied.
     """
-    read, stated = read_stated_problem(problem, limit_state)
-    wanted = METHODS if "all" in methods else dict.fromkeys(methods or DEFAULT)
-    found: list[Result] = []
-    refused: dict[str, str] = {}
-    for method in wanted:
-        try:
-            found.append(estimate(read, method, variation=variation, calls=calls, seed=seed))
-        except ValueError as error:
-            refused[method] = str(error)
-    if not found:
-        raise ValueError("; ".join(f"{method}: {said}" for method, said in refused.items()))
+    answer = failure_probability(
+        problem, methods or DEFAULT, limit_state=limit_state, variation=variation, calls=calls,
+        seed=seed,
+    )  # fmt: skip
+    read, stated, found = answer.problem, answer.stated, answer.results
+    refused = answer.refused
     if report is not None:
         stated = dataclasses.replace(stated, name=report_subject() or stated.name)
         write_reliability_report(

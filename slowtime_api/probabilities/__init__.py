@@ -1,0 +1,1 @@
+"""Probabilities of failure, surrogates of slow models, and designs."""

@@ -1,0 +1,1 @@
+"""Quantities computed from records: virtual sensors, fatigue, distortion, orders, constants."""
