@@ -1,4 +1,5 @@
 __all__ = [
+    "ConstantHistory",
     "ConvertedMesh",
     "DecayLaw",
     "DiagnosisResult",
@@ -7,12 +8,20 @@ __all__ = [
     "FailureProbability",
     "FatigueDamage",
     "FiniteElementModel",
+    "FittedSurrogate",
     "Input",
+    "MachineOrders",
+    "MeasuredDistortion",
+    "MergedModes",
     "Model",
     "Modes",
+    "OptimalDesigns",
     "PlacedSensors",
+    "Predictions",
     "ReducedFiniteElements",
+    "ScaledModes",
     "Sensor",
+    "SeparatedHistory",
     "Signals",
     "Twin",
     "TwinResponse",
@@ -22,16 +31,25 @@ __all__ = [
     "connect",
     "convert",
     "diagnose",
+    "distortion",
     "effects",
     "evolve",
     "failure_probability",
     "fatigue_damage",
     "fit_decay",
+    "fit_surrogate",
     "identify",
+    "merge",
+    "merge_signals",
+    "optimise_design",
+    "orders",
     "place",
     "read",
     "reduce",
+    "scale",
+    "separate",
     "simulate",
+    "track",
     "update",
     "virtual",
 ]
@@ -58,16 +76,34 @@ from slowtime_api.finite_elements.updating import update as update
 from slowtime_api.modal_estimates import EstimatedMode as EstimatedMode
 from slowtime_api.modal_estimates import Modes as Modes
 from slowtime_api.modal_estimates import identify as identify
+from slowtime_api.mode_sets.merging import MergedModes as MergedModes
+from slowtime_api.mode_sets.merging import merge as merge
+from slowtime_api.mode_sets.merging import merge_signals as merge_signals
+from slowtime_api.mode_sets.scaling import ScaledModes as ScaledModes
+from slowtime_api.mode_sets.scaling import scale as scale
 from slowtime_api.models import Model as Model
 from slowtime_api.models import simulate as simulate
+from slowtime_api.probabilities.designs import OptimalDesigns as OptimalDesigns
+from slowtime_api.probabilities.designs import optimise_design as optimise_design
 from slowtime_api.probabilities.reliability_methods import (
     FailureProbability as FailureProbability,
 )
 from slowtime_api.probabilities.reliability_methods import (
     failure_probability as failure_probability,
 )
+from slowtime_api.probabilities.surrogates import FittedSurrogate as FittedSurrogate
+from slowtime_api.probabilities.surrogates import Predictions as Predictions
+from slowtime_api.probabilities.surrogates import fit_surrogate as fit_surrogate
+from slowtime_api.responses.distortions import MeasuredDistortion as MeasuredDistortion
+from slowtime_api.responses.distortions import distortion as distortion
 from slowtime_api.responses.fatigue_damage import FatigueDamage as FatigueDamage
 from slowtime_api.responses.fatigue_damage import fatigue_damage as fatigue_damage
+from slowtime_api.responses.machine_orders import MachineOrders as MachineOrders
+from slowtime_api.responses.machine_orders import orders as orders
+from slowtime_api.responses.time_scales import SeparatedHistory as SeparatedHistory
+from slowtime_api.responses.time_scales import separate as separate
+from slowtime_api.responses.tracked_constants import ConstantHistory as ConstantHistory
+from slowtime_api.responses.tracked_constants import track as track
 from slowtime_api.responses.virtual_quantities import VirtualQuantity as VirtualQuantity
 from slowtime_api.responses.virtual_quantities import virtual as virtual
 from slowtime_api.signals import Signals as Signals

@@ -344,7 +344,7 @@ class Model:
         write_model(Path(path), self.description)
 
     @checked
-    def to_fmu(self, path: str | Path, *, step_s: Positive = 0.01) -> tuple[str, ...]:
+    def to_fmu(self, path: str | Path, *, step_s: Positive = 0.001) -> tuple[str, ...]:
         """Write the model as a unit of co-simulation (FMI 2.0) for other programs.
 
         Parameters

@@ -411,6 +411,52 @@ class Signals:
             attrs={"rate_hz": self.rate_hz},
         )
 
+    @checked
+    def save(self, path: str | Path) -> None:
+        """Write the signals to a file with clock, names and units.
+
+        Parameters
+        ----------
+        path
+            ``.csv``, ``.parquet``, ``.uff`` or ``.unv``, or ``.mcap``: a recording, which
+            `slowtime.read`, servers and Foxglove read.
+
+        Raises
+        ------
+        ValueError
+            If the path has another ending.
+        ImportError
+            If the package that a format needs is not installed.
+
+        Examples
+        --------
+        >>> import tempfile
+        >>> signals = Signals(np.arange(100.0), rate_hz=10.0, channels=["x"], units="m")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     signals.save(f"{folder}/x.csv")
+        ...     read(f"{folder}/x.csv") == signals
+        True
+        """
+        from slowtime_services import exports
+
+        out = Path(path)
+        writers = {
+            ".csv": exports.write_csv, ".parquet": exports.write_parquet,
+            ".uff": exports.write_universal, ".unv": exports.write_universal,
+        }  # fmt: skip
+        kind = out.suffix.lower()
+        if kind == ".mcap":
+            optional("mcap")
+            from slowtime_services.record.imported import write_imported
+
+            write_imported(out, self._record, site="local", asset="record")
+        elif kind in writers:
+            writers[kind](out, self._record)
+        else:
+            raise ValueError(
+                f"path={out.name!r} was given. Allowed endings: {', '.join(writers)}, .mcap."
+            )
+
     def _repr_html_(self) -> str:
         rows = [
             {

@@ -303,6 +303,8 @@ def _many(value: Any, kind: Any, name: str, meaning: str) -> Any:
         }
     if origin is tuple and inner == (float, float):
         return tuple(finite_number(one, name, meaning) for one in pair(value, name, meaning))
+    if origin is tuple and Ellipsis not in inner:
+        return _fixed(value, inner, name, meaning)
     if inner[0] is str:
         return texts(value, name)
     plain = isinstance(value, str | bytes | Mapping) or not hasattr(value, "__len__")
@@ -312,6 +314,18 @@ def _many(value: Any, kind: Any, name: str, meaning: str) -> Any:
         checked_value(value[i], inner[0], f"{name}[{i}]", meaning) for i in range(len(value))
     ]
     return tuple(found) if origin is tuple else found
+
+
+def _fixed(value: Any, kinds: Sequence[Any], name: str, meaning: str) -> tuple[Any, ...]:
+    """Return a sequence of as many values as there are kinds, each of its own kind."""
+    if isinstance(value, str | bytes | Mapping) or not isinstance(value, Sequence):
+        raise TypeError(_message(value, name, f"{len(kinds)} values", meaning))
+    if len(value) != len(kinds):
+        raise ValueError(_message(value, name, f"{len(kinds)} values", meaning))
+    return tuple(
+        checked_value(one, kind, f"{name}[{i}]", meaning)
+        for i, (one, kind) in enumerate(zip(value, kinds, strict=True))
+    )
 
 
 def _array(value: Any, wanted: FiniteArray, name: str, meaning: str) -> Any:

@@ -221,7 +221,7 @@ def _channel(signals: Signals, channel: str | None) -> tuple[Any, str, str]:
     if channel is None and len(record.channels) != 1:
         raise ValueError(
             f"The record has {len(record.channels)} channels: {', '.join(record.channels)}. "
-            "Name the one of stress by --channel."
+            "Name the one of stress."
         )
     column = 0 if channel is None else find_column(channel, record.channels)
     return record.samples[:, column], record.channels[column], record.units[column] or "1"

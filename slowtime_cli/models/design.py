@@ -8,12 +8,11 @@ from typing import Any
 import click
 import numpy as np
 
-from slowtime.design import Design, Effort, Evaluated, optimise, optimise_emulated
+from slowtime.design import Design, Evaluated
+from slowtime_api.probabilities.designs import load_samples, optimise_file
 from slowtime_cli.shared.record_input import note_reading, read_any
 from slowtime_cli.shared.terminal import note, show
 from slowtime_services.files import ALL, ReadingOptions
-from slowtime_services.models import write_model
-from slowtime_services.problem_files.design import DesignTask, read_design
 
 
 def design(
@@ -31,14 +30,14 @@ def design(
     ValueError
         Where the file, its model or its load cannot be used.
     """
-    task = read_design(design, _samples)
-    tasks = [task.with_alpha(alpha) for alpha in alphas] or [task]
-    effort = Effort(variation=variation)
-    found = [_optimised(one, effort, seed) for one in tasks]
+    answer = optimise_file(
+        design, _samples, alphas=alphas, variation=variation, seed=seed, say=note
+    )
+    task, found = answer.task, answer.designs
     if out_model is not None:
         if task.structure is None:
             raise ValueError(f"{design.name} has no model. Leave --out out, or give .json.")
-        write_model(out_model, task.structure.described(found[0].best.variables))
+        answer.model().save(out_model)
         note(f"{out_model}: the model with the design built in.")
     if as_json:
         body = {"name": task.name, "seed": seed, "designs": [_object(one) for one in found]}
@@ -53,31 +52,13 @@ def design(
             note(said)
 
 
-def _optimised(task: DesignTask, effort: Effort, seed: int) -> Design:
-    if task.runs is None:
-        return optimise(task.problem(), seed=seed, effort=effort, say=note)
-    assert task.responses is not None
-    return optimise_emulated(
-        task.problem, task.responses, task.runs, seed=seed, effort=effort, say=note
-    )
-
-
 def _samples(
     path: Path, channel: str | None, rate_hz: float | None
 ) -> tuple[np.ndarray, float]:
     """Read the record of a load."""
     record = read_any(path, ReadingOptions(rate_hz=rate_hz, keep=(ALL,)))
     note_reading(record)
-    if record.gaps:
-        raise ValueError(f"{path.name} lacks samples. Cut it at its gaps.")
-    if channel is None and len(record.channels) > 1:
-        raise ValueError(
-            f"{path.name} has {', '.join(record.channels)}. Name one as `channel`."
-        )
-    if channel is not None and channel not in record.channels:
-        raise ValueError(f"{path.name} has no {channel}, but: {', '.join(record.channels)}.")
-    column = 0 if channel is None else record.channels.index(channel)
-    return record.samples[:, column].astype(float), record.rate_hz
+    return load_samples(record, path.name, channel), record.rate_hz
 
 
 def _object(found: Design) -> dict[str, Any]:

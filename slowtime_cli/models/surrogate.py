@@ -2,25 +2,26 @@
 
 import csv
 import json
-import warnings
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
 
-from slowtime.surrogate import PolynomialChaos, Surrogate, choose
-from slowtime.surrogate.choice import LEVEL, Choice, defaults
+from slowtime.surrogate.choice import Choice
+from slowtime_api.probabilities.surrogates import FittedSurrogate, Kind, fit_surrogate
 from slowtime_cli.shared.tables import read_columns
 from slowtime_cli.shared.terminal import counting, note, show
-from slowtime_cli.verbs.models.surrogate import KINDS
+
+PARTS = ("value", "sd", "lo", "hi", "extrapolated")
+"""Columns of a prediction."""
 
 
 def surrogate(
     runs: Path,
     output: str,
     inputs: tuple[str, ...] | None,
-    kinds: tuple[str, ...],
+    kinds: tuple[Kind, ...],
     at: Path | None,
     out: Path | None,
     seed: int,
@@ -35,12 +36,12 @@ def surrogate(
     """
     table = read_columns(runs)
     names = _inputs(table, output, inputs, runs)
-    x, y = np.column_stack([table[name] for name in names]), table[output]
-    candidates = {name: one for name, one in _candidates().items() if name in (kinds or KINDS)}
-    with counting("comparing surrogates"), np.errstate(all="ignore"):
-        chosen = choose(x, y, candidates, random_state=seed)
-    shares = _shares(x, y, names)
-    predicted = None if at is None else _predict(chosen.surrogate, at, names)
+    with counting("comparing surrogates"):
+        columns = {name: table[name] for name in names}
+        fitted = fit_surrogate(columns, table[output], list(kinds) or None, seed=seed)
+    chosen = fitted.choice
+    shares = [(name, *pair) for name, pair in fitted.sobol.items()]
+    predicted = None if at is None else _predict(fitted, at, names)
     if predicted is not None and out is not None:
         _write(out, names, predicted)
     if as_json:
@@ -50,10 +51,6 @@ def surrogate(
     _show(chosen, shares)
     if predicted is not None and out is None:
         _show_predictions(names, predicted)
-
-
-def _candidates() -> dict[str, Surrogate]:
-    return dict(zip(KINDS, defaults().values(), strict=True))
 
 
 def _inputs(
@@ -69,42 +66,22 @@ def _inputs(
     return wanted
 
 
-def _shares(
-    x: np.ndarray, y: np.ndarray, names: tuple[str, ...]
-) -> list[tuple[str, float, float]]:
-    """Sobol' indices by input: alone and in total, of a polynomial chaos of the runs."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        try:
-            chaos = PolynomialChaos().fit(x, y)
-        except ValueError:
-            return []
-    indices = zip(names, chaos.sobol_first_, chaos.sobol_total_, strict=True)
-    return [(name, float(first), float(total)) for name, first, total in indices]
-
-
 def _predict(
-    fitted: Surrogate, at: Path, names: tuple[str, ...]
+    fitted: FittedSurrogate, at: Path, names: tuple[str, ...]
 ) -> list[tuple[list[float], float, float, float, float, bool]]:
     """Predict: inputs, value, sd, ends of the band, and whether the runs lie elsewhere."""
     table = read_columns(at)
     missing = [name for name in names if name not in table]
     if missing:
         raise click.UsageError(f"{at.name} lacks {', '.join(missing)}. Give all inputs.")
-    x = np.column_stack([table[name] for name in names])
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        mean, sd = fitted.predict(x, return_std=True)
-        lo, hi = fitted.predict_interval(x, LEVEL)
-    beyond = fitted.extrapolates(x)
-    if beyond.any():
+    found = fitted.predict({name: table[name] for name in names})
+    if found.extrapolated.any():
         note(
-            f"{int(beyond.sum())} of {len(x)} points lie outside the range of the runs; "
-            "their values are extrapolated."
+            f"{int(found.extrapolated.sum())} of {len(found.value)} points lie outside the "
+            "range of the runs; their values are extrapolated."
         )
     return [
-        (row.tolist(), float(m), float(s), float(low), float(high), bool(out))
-        for row, m, s, low, high, out in zip(x, mean, sd, lo, hi, beyond, strict=True)
+        ([row[name] for name in names], *(row[part] for part in PARTS)) for row in found.rows()
     ]
 
 

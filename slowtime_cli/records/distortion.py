@@ -9,23 +9,15 @@ from typing import Any
 import click
 import numpy as np
 
-from slowtime.identification.free_decay.amplitude_law import DecayLaw, decay_law
-from slowtime.identification.free_decay.envelope import decay_envelope
-from slowtime.identification.nonlinear_distortion import (
-    Distortion,
-    MeasuredResonance,
-    distortion_of,
-    find_period,
-    fit_resonance,
-    realisation_of,
-    sort_by_level,
-)
+from slowtime.identification.nonlinear_distortion import Distortion
+from slowtime_api.decays import DecayLaw, fit_decay
+from slowtime_api.responses.distortions import distortion as distortion_of_signals
+from slowtime_api.signals import Signals
 from slowtime_cli.shared.terminal import note, show
 from slowtime_services.diagnose import read_any
 from slowtime_services.files import find_column
 from slowtime_services.reports import Chart, Section, write_page
 
-Series = np.ndarray[Any, np.dtype[np.float64]]
 Plain = dict[str, Any]
 
 
@@ -96,9 +88,7 @@ def distortion(
     click.echo(document["sentence"])
 
 
-def _columns(
-    text: str, names: Sequence[str], rate_hz: float | None
-) -> tuple[list[Series], float]:
+def _signals(text: str, names: Sequence[str], rate_hz: float | None) -> Signals:
     """Read channels of a record without gaps."""
     source = read_any(text, rate_hz=rate_hz)
     record = source.record
@@ -106,16 +96,14 @@ def _columns(
         raise click.UsageError(
             f"{source.name} has gaps. Give a part without gaps, as FILE@FROM:TO."
         )
-    found = []
-    for name in names:
-        column = np.asarray(record.samples[:, find_column(name, record.channels)], dtype=float)
-        if not np.isfinite(column).all():
+    columns = [find_column(name, record.channels) for name in names]
+    for name, column in zip(names, columns, strict=True):
+        if not np.isfinite(np.asarray(record.samples[:, column], dtype=float)).all():
             raise click.UsageError(
                 f"{source.name}: {name} has values that are not finite. Give a part without "
                 "them, as FILE@FROM:TO."
             )
-        found.append(column)
-    return found, record.rate_hz
+    return Signals.from_record(record)[[record.channels[column] for column in columns]]
 
 
 def _levels(
@@ -127,82 +115,28 @@ def _levels(
     near_hz: float | None,
     rate_hz: float | None,
 ) -> tuple[Plain, list[Chart]]:
-    given = []
-    for text in records:
-        (u, y), rate = _columns(text, channels, rate_hz)
-        skipped = round(transient_s * rate)
-        if period is None:
-            period = find_period(u[skipped:])
-            note(f"The input repeats after {period} samples, {period / rate:g} s.")
-        given.append(realisation_of(u, y, rate, period, skipped))
-    found = [distortion_of(group, band) for group in sort_by_level(given)]
-    modes = [fit_resonance(d.frequency_hz, d.response, _known_sd(d), near_hz) for d in found]
-    levels = [_level(d, mode) for d, mode in zip(found, modes, strict=True)]
-    document = {"sentence": _sentence(found, modes), "levels": levels}
-    return document, [_response_chart(found)]
-
-
-def _known_sd(found: Distortion) -> Series | None:
-    for sd in (found.total_sd, found.noise_sd):
-        if np.isfinite(sd).all():
-            return np.asarray(sd)
-    return None
-
-
-def _level(found: Distortion, mode: MeasuredResonance | None) -> Plain:
-    size = np.abs(found.response)
-    return {
-        "level": found.level,
-        "realisations": found.realisations,
-        "periods": found.periods,
-        "noise": float(np.median(found.noise_sd / size)),
-        "nonlinear": float(np.median(found.nonlinear_sd / size)),
-        "p_value": found.p_value,
-        "odd_lines": found.odd.amplitude if found.odd else math.nan,
-        "odd_noise": found.odd.noise if found.odd else math.nan,
-        "even_lines": found.even.amplitude if found.even else math.nan,
-        "even_noise": found.even.noise if found.even else math.nan,
-        "symmetry": found.symmetry,
-        "frequency_hz": mode.frequency_hz if mode else math.nan,
-        "frequency_sd_hz": mode.frequency_sd_hz if mode else math.nan,
-        "damping": mode.damping if mode else math.nan,
-        "damping_sd": mode.damping_sd if mode else math.nan,
-        "lines_hz": found.frequency_hz.tolist(),
-        "response_real": found.response.real.tolist(),
-        "response_imag": found.response.imag.tolist(),
-        "noise_sd": found.noise_sd.tolist(),
-        "total_sd": found.total_sd.tolist(),
-        "nonlinear_sd": found.nonlinear_sd.tolist(),
-    }
-
-
-SYMMETRIES = {
-    "none": "No nonlinear distortion was found above the noise.",
-    "odd": "The nonlinearity is odd (equal in both directions), such as "
-    "a cubic spring or dry friction.",
-    "even": "The nonlinearity is even (different in the two directions), such as a one-sided "
-    "stop "
-    "or a quadratic spring.",
-    "odd and even": "The nonlinearity has odd and even parts.",
-    "unknown": "The symmetry is not determined. Measure several periods of an odd multisine, "
-    "with some odd lines left out or in several realisations.",
-}
-
-
-def _sentence(found: Sequence[Distortion], modes: Sequence[MeasuredResonance | None]) -> str:
-    strongest = found[-1]
-    said = [SYMMETRIES[strongest.symmetry]]
-    first, last = modes[0], modes[-1]
-    if len(found) > 1 and first is not None and last is not None:
-        said.append(
-            f"From level {found[0].level:.4g} to {strongest.level:.4g} the frequency goes "
-            f"from {first.frequency_hz:.5g} ± {first.frequency_sd_hz:.2g} to "
-            f"{last.frequency_hz:.5g} ± {last.frequency_sd_hz:.2g} Hz, the damping ratio "
-            f"from {100 * first.damping:.3g} "
-            f"± {100 * first.damping_sd:.2g} to {100 * last.damping:.3g} ± "
-            f"{100 * last.damping_sd:.2g} %."
-        )
-    return " ".join(said)
+    signals = [_signals(text, channels, rate_hz) for text in records]
+    found = distortion_of_signals(
+        signals, *channels, period=period, transient_s=transient_s, band_hz=band,
+        near_hz=near_hz,
+    )  # fmt: skip
+    if period is None:
+        rate = signals[0].rate_hz
+        note(f"The input repeats after {found.period} samples, {found.period / rate:g} s.")
+    lines = [
+        row
+        | {
+            "lines_hz": one.frequency_hz.tolist(),
+            "response_real": one.response.real.tolist(),
+            "response_imag": one.response.imag.tolist(),
+            "noise_sd": one.noise_sd.tolist(),
+            "total_sd": one.total_sd.tolist(),
+            "nonlinear_sd": one.nonlinear_sd.tolist(),
+        }
+        for row, one in zip(found.rows(), found.levels, strict=True)
+    ]
+    document = {"sentence": found.sentence, "levels": lines}
+    return document, [_response_chart(found.levels)]
 
 
 def _response_chart(found: Sequence[Distortion]) -> Chart:
@@ -245,8 +179,8 @@ def _decays(
 ) -> tuple[Plain, list[Chart]]:
     rows, sentences, lines = [], [], []
     for text in records:
-        (y,), rate = _columns(text, (told,), rate_hz)
-        law = decay_law(decay_envelope(y, rate, transient_s, band_hz=band, near_hz=near_hz))
+        signals = _signals(text, (told,), rate_hz)
+        law = fit_decay(signals, band_hz=band, near_hz=near_hz, start_s=transient_s)
         rows.append(_decay(text, law))
         sentences.append(f"{text}: {law.sentence}")
         for name, values in (("damping [%]", 100 * law.damping), ("Hz", law.frequency_hz)):

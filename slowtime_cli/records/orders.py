@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
 
-from slowtime.identification.order_tracking import Orders, rotation_of, track_orders
+from slowtime_api.responses.machine_orders import orders as track_orders
+from slowtime_api.signals import Signals
 from slowtime_cli.shared.record_input import with_record
 from slowtime_cli.shared.terminal import note, show, write_json
-from slowtime_services.files import Record, bridged, find_column
+from slowtime_services.files import Record
 
 SHOWN = 20
 """Rows of a channel and order that the table shows at most; files hold all."""
@@ -30,22 +30,13 @@ def orders(
     as_json: bool,
 ) -> None:
     """Track the orders of a record, and print them."""
-    record, said = bridged(record)
-    if said:
-        note(said)
-    column = find_column(tacho, record.channels)
-    others = [k for k in range(len(record.channels)) if k != column]
-    if not others:
-        raise click.UsageError(
-            f"{path.name} has only the tacho channel {record.channels[column]}. Give a "
-            "record that has vibration channels too."
-        )
-    samples = np.asarray(record.samples, dtype=float)
-    rotation = rotation_of(samples[:, column], record.rate_hz, pulses_per_revolution=pulses)
     found = track_orders(
-        samples[:, others], record.rate_hz, rotation, _numbers(wanted), revolutions=revolutions
-    )
-    rows = _rows(found, [record.channels[k] for k in others], [record.units[k] for k in others])
+        Signals.from_record(record), tacho, _numbers(wanted), pulses=pulses,
+        revolutions=revolutions,
+    )  # fmt: skip
+    for said in found.notes:
+        note(said)
+    rows = found.rows()
     if out is not None:
         _write(out, rows)
     if as_json:
@@ -72,30 +63,6 @@ def _numbers(words: str) -> list[float]:
             "such as 1,2,3."
         )
     return found
-
-
-def _rows(found: Orders, channels: list[str], units: list[str]) -> list[dict[str, Any]]:
-    """One row for each block, order and channel."""
-    rows = []
-    for block, (time, speed) in enumerate(
-        zip(found.time_s.tolist(), found.speed_hz.tolist(), strict=True)
-    ):
-        for k, order in enumerate(found.order.tolist()):
-            for c, (channel, unit) in enumerate(zip(channels, units, strict=True)):
-                value = complex(found.amplitude[block, k, c])
-                rows.append(
-                    {
-                        "time_s": time,
-                        "speed_hz": speed,
-                        "order": order,
-                        "channel": channel,
-                        "unit": unit,
-                        "amplitude": abs(value),
-                        "phase_deg": math.degrees(math.atan2(value.imag, value.real)),
-                        "sd": float(found.sd[block, k, c]),
-                    }
-                )
-    return rows
 
 
 def _write(out: Path, rows: list[dict[str, Any]]) -> None:

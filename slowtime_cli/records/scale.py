@@ -6,48 +6,31 @@ from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
-from jaxtyping import Float
 
-from slowtime.identification.mode_shapes.criteria import mac
-from slowtime.identification.mode_shapes.mass_scaling import MassScaling, scale_by_masses
+from slowtime.identification.mode_shapes.mass_scaling import MassScaling
 from slowtime.identification.modes import Mode
+from slowtime_api.mode_sets.merging import modes_file
+from slowtime_api.mode_sets.scaling import scale as scale_modes
 from slowtime_cli.shared.terminal import note, show, write_json
-
-from .merge import modes_of_file
-
-LOWEST = 0.5
-"""Frequency with masses over that without [1], below which a mode is taken for another one: so
-much needs added masses of three times the modal mass."""
-
-LEAST_MAC = 0.6
-"""MAC [1] below which two shapes are not of one mode; from here to 0.9 the result is flagged
-`shape_changed`."""
 
 
 def scale(
     modes: Path, added: Sequence[tuple[Path, str]], out: Path | None, as_json: bool
 ) -> None:
     """Read, pair, scale and print."""
-    channels, bare = modes_of_file(modes)
-    heavier = []
-    for path, words in added:
-        others, found = modes_of_file(path)
-        if others != channels:
-            raise click.UsageError(
-                f"{path.name} has the channels {', '.join(others)}, and {modes.name} "
-                f"{', '.join(channels)}. Identify both with the same sensors in the same "
-                "order."
-            )
-        heavier.append((found, _masses(words, channels)))
-    scaled = [(mode, _scaled(mode, heavier)) for mode in bare if mode.kind == "structural"]
-    body = {"channels": channels, "modes": [_entry(mode, one) for mode, one in scaled if one]}
+    channels = tuple(modes_file(modes).channels)
+    tests = [(path, _masses(words, channels)) for path, words in added]
+    found = scale_modes(modes, tests)
+    for said in found.notes:
+        note(said)
+    pairs = list(zip(found.modes, found.scalings, strict=True))
+    body = {"channels": channels, "modes": [_entry(mode, one) for mode, one in pairs]}
     if out is not None:
         write_json(out, body)
     if as_json:
         click.echo(json.dumps(body, indent=2))
         return
-    rows = [(_cells(mode, one), _entry(mode, one)) for mode, one in scaled if one]
+    rows = [(_cells(mode, one), _entry(mode, one)) for mode, one in pairs]
     show(
         "Modal masses, of shapes of norm 1",
         ("frequency [Hz]", "modal mass [kg]", "mistrust"),
@@ -64,9 +47,9 @@ def scale(
     )
 
 
-def _masses(words: str, channels: tuple[str, ...]) -> Float[np.ndarray, " channel"]:
-    """Masses of `CHANNEL=KG,...` at all channels."""
-    found = np.zeros(len(channels))
+def _masses(words: str, channels: tuple[str, ...]) -> dict[str, float]:
+    """Masses [kg] of `CHANNEL=KG,...` by channel."""
+    found: dict[str, float] = {}
     for word in words.split(","):
         name, equals, text = word.strip().partition("=")
         try:
@@ -78,33 +61,8 @@ def _masses(words: str, channels: tuple[str, ...]) -> Float[np.ndarray, " channe
                 f"{word.strip()!r} was given for --added. Allowed: CHANNEL=KG with one of the "
                 f"channels {', '.join(channels)} and a mass above 0, separated by commas."
             )
-        found[channels.index(name)] = mass
+        found[name] = mass
     return found
-
-
-def _scaled(
-    mode: Mode, heavier: Sequence[tuple[list[Mode], Float[np.ndarray, " channel"]]]
-) -> MassScaling | None:
-    """Scale one mode by those files that show it; None where none does, which is noted."""
-    hz = mode.frequency_hz.value
-    after, masses, why = [], [], "no file with masses shows it"
-    for found, kg in heavier:
-        near = [
-            other
-            for other in found
-            if other.kind == "structural" and LOWEST < other.frequency_hz.value / hz <= 1.01
-        ]
-        best = max(near, key=lambda other: mac(mode.shape, other.shape), default=None)
-        if best is not None and mac(mode.shape, best.shape) >= LEAST_MAC:
-            after.append(best)
-            masses.append(kg)
-    if after:
-        try:
-            return scale_by_masses(mode, after, masses)
-        except ValueError as error:
-            why = str(error)
-    note(f"{hz:.4g} Hz is not scaled: {why}")
-    return None
 
 
 def _entry(mode: Mode, scaled: MassScaling) -> dict[str, Any]:

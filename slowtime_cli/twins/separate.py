@@ -8,22 +8,14 @@ from typing import Any
 import click
 import numpy as np
 
-from slowtime.evolution.forecasting.forecast import fit
-from slowtime.evolution.time_scales import separation
+from slowtime_api.responses.time_scales import KINDS
+from slowtime_api.responses.time_scales import separate as separate_history
 from slowtime_api.twin_files import samples_of
 from slowtime_cli.shared.tables import read_columns
 from slowtime_cli.shared.terminal import note, show
 from slowtime_schemas.codec import decode
 from slowtime_schemas.messages import Features
 from slowtime_schemas.streams import FEATURES
-
-NORMAL_QUANTILE_97_5 = 1.959963984540054
-"""Quantile 0.975 of the standard normal distribution [1]."""
-KINDS = {
-    "rough": "an irregular fluctuation",
-    "repeating": "a wave that repeats itself",
-    "teeth": "sawtooth: a rise or fall that jumps back at regular intervals",
-}
 
 
 def separate(source: Path, asset: str | None, out: Path | None, as_json: bool) -> None:
@@ -35,30 +27,24 @@ def separate(source: Path, asset: str | None, out: Path | None, as_json: bool) -
         For fewer than 8 readings.
     """
     time, value, sd, quantity = _history(source, asset)
-    choice = separation.choose(time, value, sd)
-    found = choice.additive
-    period = fit(time, value - found.long, sd).period if found.kind != "rough" else None
-    rows = np.column_stack(
-        [time, value, sd, found.long, found.long_sd, found.short, found.short_sd]
-    )
+    found = separate_history(time, value, sd)
+    rows = np.array([list(row.values()) for row in found.rows()])
     names = ("slow_time", quantity, "sd", "long", "long_sd", "short", "short_sd")
     if out is not None:
         with out.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             writer.writerow(names)
             writer.writerows(rows.tolist())
-    drift = float(found.long[-1] - found.long[0])
-    swing = float(np.ptp(found.short))
     summary: dict[str, Any] = {
         "quantity": quantity,
         "readings": len(time),
         "short_scale": found.kind,
-        "period": period,
-        "long_change": drift,
-        "long_change_sd": float(np.hypot(found.long_sd[0], found.long_sd[-1])),
-        "short_range": swing,
-        "better_model": choice.best,
-        "log_odds": choice.log_odds,
+        "period": found.period,
+        "long_change": found.long_change,
+        "long_change_sd": found.long_change_sd,
+        "short_range": found.short_range,
+        "better_model": found.better_model,
+        "log_odds": found.log_odds,
     }
     if as_json:
         points = [dict(zip(names, row, strict=True)) for row in rows.tolist()]

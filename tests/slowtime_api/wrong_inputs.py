@@ -109,6 +109,8 @@ def example(kind: Any) -> Any:
         return (1.0, 2.0)
     if origin is Mapping:
         return {}
+    if origin is tuple and Ellipsis not in inner:
+        return tuple(map(example, inner))
     if origin in (Sequence, list, tuple):
         return [example(inner[0])]
     plain = {float: 1.0, int: 1, bool: True, str: "x", Any: np.zeros((9, 1)), Path: Path("x")}
@@ -155,6 +157,8 @@ def _wrong_for(kind: Any) -> list[Any]:
         return ["yes", 1, 0.0]
     if inner == (float, float):
         return [1.0, (1.0,), ("a", "b"), (math.nan, 1.0), (True, 2.0)]
+    if origin is Mapping:
+        return [NAMED_LATER, "ab", [1.0]]
     if origin in (Sequence, list, tuple) and inner[0] in (float, int):
         return [1.0, "ab", [math.nan], [True], [[1.0]]]
     if origin in (Sequence, list, tuple):

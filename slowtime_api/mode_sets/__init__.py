@@ -1,0 +1,1 @@
+"""Modes of several records together: sensor set-ups merged, shapes scaled by added masses."""

@@ -1,0 +1,62 @@
+"""Every command that computes or asks a server has a function, and docs/python.md names it."""
+
+import inspect
+import re
+from functools import reduce
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+
+import slowtime as st
+from slowtime_cli.__main__ import VERBS, app
+from slowtime_services.client import Client
+
+PAGE = Path(__file__).parents[2] / "docs/python.md"
+ROW = re.compile(r"^\| `([a-z]+)` \| (.+?) \| \[.+?\]\((\w+\.md)\) \|$", re.M)
+TABLE = {verb: (names, page) for verb, names, page in ROW.findall(PAGE.read_text())}
+COMPUTING = ("models", "records", "twins")
+"""Folders of verbs that compute or ask a server; those of `operation` run processes."""
+OF_FILES = {"layout", "recover"}
+"""Verbs on the files of other programs, and on damaged files."""
+RENAMED = {"place": {"number": "sensors"}}
+"""Verb → option → parameter, where their names differ."""
+
+
+def functions(verb: str) -> list[Any]:
+    """Return the functions that the page names for a verb."""
+    found = []
+    for name in re.findall(r"`(st|client)\.([\w.]+)`", TABLE[verb][0]):
+        start = st if name[0] == "st" else Client
+        found.append(reduce(getattr, name[1].split("."), start))
+    return found
+
+
+def test_each_computing_verb_has_a_row_and_each_row_a_verb():
+    computing = {verb for verb, one in VERBS.items() if one.place.startswith(COMPUTING)}
+    assert set(TABLE) == computing - OF_FILES
+
+
+@pytest.mark.parametrize("verb", TABLE)
+def test_the_functions_of_a_verb_exist_and_its_page_does(verb):
+    found = functions(verb)
+    assert found
+    assert all(callable(one) and one.__doc__ for one in found)
+    assert (PAGE.parent / TABLE[verb][1]).exists()
+
+
+@pytest.mark.parametrize("verb", TABLE)
+def test_an_option_and_a_parameter_of_one_name_have_one_default(verb):
+    command = app.get_command(click.Context(app), verb)
+    assert command is not None
+    names = RENAMED.get(verb, {})
+    options = {names.get(one.name or "", one.name): one for one in command.params}
+    for function in functions(verb):
+        for name, parameter in inspect.signature(function).parameters.items():
+            option = options.get(name)
+            if option is None or parameter.default is inspect.Parameter.empty:
+                continue
+            said = option.get_default(click.Context(command))
+            if isinstance(said, int | float | str) and said != "auto":
+                assert parameter.default == said, (function.__qualname__, name)
