@@ -447,7 +447,7 @@ class Signals:
         kind = out.suffix.lower()
         if kind == ".mcap":
             optional("mcap")
-            from slowtime_services.record.imported import write_imported
+            from slowtime_services.exports.recordings import write_imported
 
             write_imported(out, self._record, site="local", asset="record")
         elif kind in writers:

@@ -200,16 +200,20 @@ def update(
     read = (
         model if isinstance(model, FiniteElementModel) else FiniteElementModel.from_file(model)
     )
-    errors = {"frequency_error": frequency_error, "shape_error": shape_error}
     if not read.parameters:
         raise MatrixFileError(
             f"{read.name} has no `parameters`. List there which quantities may differ from the "
             "model."
         )
     if isinstance(modes, Modes):
-        measured = measured_modes(modes.file(), read.model, **errors)
+        measured = measured_modes(
+            modes.file(), read.model, frequency_error=frequency_error, shape_error=shape_error
+        )
     else:
-        measured = read_measured_modes(existing_file(modes), read.model, **errors)
+        measured = read_measured_modes(
+            existing_file(modes), read.model, frequency_error=frequency_error,
+            shape_error=shape_error,
+        )  # fmt: skip
     structure = _structure(read.model, len(measured.frequency_hz))
     found, scatter = estimate_with_scatter(structure, measured, read.model.prior_sd)
     pairs = total_misfit(structure, (measured,), found.theta, found.prior_sd).pairs

@@ -213,9 +213,9 @@ def fit_surrogate(
             f"{len(x)} values of the inputs and {len(output)} of the output were given. Give "
             "one of each for each run."
         )
-    every = dict(zip(KINDS, defaults().values(), strict=True))
     wanted = KINDS if kinds is None else kinds
-    candidates = {name: one for name, one in every.items() if name in wanted}
+    every = zip(KINDS, defaults().values(), strict=True)
+    candidates = {str(name): one for name, one in every if name in wanted}
     with np.errstate(all="ignore"):
         choice = choose(x, output, candidates, random_state=seed)
     return FittedSurrogate(names=names, choice=choice, sobol=_sobol(x, output, names))

@@ -56,7 +56,7 @@ class ConstantHistory(Result):
     @property
     def sd(self) -> Float[np.ndarray, "record constant"]:
         """Standard deviations of `value`."""
-        return np.abs(self.value) * self.found.constants.log_sd
+        return np.asarray(np.abs(self.value) * self.found.constants.log_sd)
 
     @property
     def notes(self) -> tuple[str, ...]:

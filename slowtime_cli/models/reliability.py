@@ -13,10 +13,11 @@ from slowtime.reliability import DesignPoint, Problem, Result
 from slowtime_api.probabilities.reliability_methods import Method, failure_probability
 from slowtime_cli.shared.report_flags import report_language, report_subject
 from slowtime_cli.shared.terminal import note, show
-from slowtime_cli.verbs.models.reliability import DEFAULT
 from slowtime_services.reports.kinds.reliability import write_reliability_report
 
 COLUMNS = ("method", "P_f [1]", "95 % interval [1]", "beta [1]", "c.o.v. [%]", "calls [1]")
+BY_DEFAULT: tuple[Method, ...] = ("form", "importance", "subset")
+"""Methods where none is named, as the help of the verb says."""
 MAX_POINTS = 5
 """Design points that a terminal lists [1]; JSON holds all."""
 
@@ -39,7 +40,8 @@ def reliability(
         Where no method could be applied.
     """
     answer = failure_probability(
-        problem, methods or DEFAULT, limit_state=limit_state, variation=variation, calls=calls,
+        problem, methods or BY_DEFAULT, limit_state=limit_state, variation=variation,
+        calls=calls,
         seed=seed,
     )  # fmt: skip
     read, stated, found = answer.problem, answer.stated, answer.results

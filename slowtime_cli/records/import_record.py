@@ -6,8 +6,8 @@ import click
 
 from slowtime_cli.shared.record_input import with_record
 from slowtime_cli.shared.terminal import bar, note, removed_unless_finished
+from slowtime_services.exports.recordings import write_imported
 from slowtime_services.files import Record
-from slowtime_services.record.imported import write_imported
 
 
 @with_record

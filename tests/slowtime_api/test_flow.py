@@ -113,6 +113,7 @@ def test_a_twin_follows_a_stiffness_that_falls(tmp_path):
         hz = 3.0 * np.sqrt(stiffness) + 0.002 * rng.standard_normal()
         state = twin.update(float(number), hz, 0.002)
     change = state.stiffness_change
+    assert change is not None
     assert change.lo - 0.002 < with_stiffness[-1] - 1 < change.hi + 0.002
     assert len(twin.history()) == 25
     (crossing,) = twin.forecast(50.0, threshold=-0.2).crossings

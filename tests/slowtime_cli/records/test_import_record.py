@@ -112,11 +112,11 @@ def test_a_recording_is_never_written_over(refused, record, tmp_path):
 
 
 def test_an_import_that_fails_leaves_no_half_of_a_recording(run, record, tmp_path, monkeypatch):
-    from slowtime_services.record import imported
+    from slowtime_services.exports import recordings
 
     def fails(*_arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(imported, "encode_raw", fails)
+    monkeypatch.setattr(recordings, "encode_raw", fails)
     assert run("import", record, "--out", "a.mcap").status == 130
     assert not (tmp_path / "a.mcap").exists()

@@ -8,8 +8,7 @@ import numpy as np
 from slowtime_schemas.raw import RawHeader, encode_raw
 from slowtime_schemas.streams import RAW
 from slowtime_services.files import UNDATED_NS, Record
-
-from .writer import RecordingWriter
+from slowtime_services.record import RecordingWriter
 
 BLOCK_S = 0.1
 """Length of a block [s] where none is given."""
