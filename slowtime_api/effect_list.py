@@ -70,7 +70,7 @@ def effects(*names: str) -> EffectCatalogue:
 
     Parameters
     ----------
-    names
+    *names
         Names of effects; all where none is given.
 
     Returns

@@ -239,7 +239,12 @@ class Modes(Sequence[EstimatedMode]):
         Path(path).write_text(self.file().model_dump_json(indent=1) + "\n", encoding="utf-8")
 
     def file(self) -> ModesFile:
-        """Return the content of a modes file, as other functions and commands take it."""
+        """Return the content of a modes file.
+
+        Returns
+        -------
+        Model of a modes file, as other functions and commands take it.
+        """
         return ModesFile.model_validate(
             {
                 "slowtime_modes": 1,

@@ -435,7 +435,7 @@ class Twin:
             ``{"kind": "harmonic", "amplitude": 0.5, "frequency_hz": 3.9}``, ``"step"``,
             ``"white"`` with ``"psd"``, or ``"recorded"`` with ``"samples"``: an acceleration
             of the base [m/s^2], or a force [N] on a node.
-        order
+        **order
             Other fields of an order, as a server takes them: ``on``, ``outputs``,
             ``quantity``, ``duration_s`` [s], ``rate_hz`` [Hz], ``level`` [1], ``draws`` and
             ``seed``.

@@ -432,7 +432,7 @@ def parameter_entries(declared: Callable[..., Any]) -> dict[str, str]:
     {'rate_hz': 'Samples per second [Hz]; 1 by default.'}
     """
     found = re.findall(
-        r"^(\w[\w, *]*)\n((?:    .*\n?)+)", parameter_block(declared) + "\n", re.M
+        r"^([\w*][\w, *]*)\n((?:    .*\n?)+)", parameter_block(declared) + "\n", re.M
     )
     plain = {
         name.strip(" *"): re.sub(r"``?(.*?)``?", r"\1", " ".join(said.split()))

@@ -107,11 +107,21 @@ class MergedModes(Result):
         return rows
 
     def file(self) -> ModesFile:
-        """Return the complete modes as content of a modes file."""
+        """Return the complete modes as content of a modes file.
+
+        Returns
+        -------
+        Model of a modes file, as `slowtime.update` reads it.
+        """
         return ModesFile.model_validate(self.document())
 
     def document(self) -> dict[str, Any]:
-        """Return the complete modes as plain values, as a modes file holds them."""
+        """Return the complete modes as plain values.
+
+        Returns
+        -------
+        What a modes file holds.
+        """
         span = (0.0, self.heading_of_file["duration_s"])
         return self.heading_of_file | {"modes": [_entry(mode, span) for mode in self.modes]}
 

@@ -29,7 +29,12 @@ def functions():
         if inspect.isclass(one):
             for member, value in vars(one).items():
                 function = getattr(value, "__func__", value)
-                if not member.startswith("_") and inspect.isfunction(function):
+                deprecated = hasattr(function, "__deprecated__")
+                if (
+                    not member.startswith("_")
+                    and inspect.isfunction(function)
+                    and not deprecated
+                ):
                     yield f"{name}.{member}", function
 
 

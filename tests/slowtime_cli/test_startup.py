@@ -191,7 +191,6 @@ def test_of_the_shared_packages_they_import_words_and_the_options_of_files():
     assert shared == {
         "slowtime_schemas.plain_text",
         "slowtime_services.argument_checks",
-        "slowtime_services.declared",
         "slowtime_services.files",
         "slowtime_services.files.reading_options",
         "slowtime_services.logs",
