@@ -10,10 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import ValidationError
 
-from slowtime_services.argument_checks import number as number
-from slowtime_services.argument_checks import pair as pair
 from slowtime_services.argument_checks import texts as texts
-from slowtime_services.argument_checks import whole as whole
 
 _FLAG = re.compile(r"(?<!slowtime diagnose )--[a-z][a-z-]*")
 _CHANNEL = re.compile(r"--channel ([^\s=]+)=NAME")
@@ -21,59 +18,6 @@ _KEY = re.compile(r"--reading (\w+)(?:=(\w+))?")
 _VALUES = {"yes": "True", "no": "False"}
 _ARGUMENTS = {"--unit": "units", "sensitivity": "sensitivities", "--channel": "channels"}
 """Option of the command line → argument of `slowtime.read`, where the names differ."""
-
-
-def finite(values: Any, name: str, meaning: str) -> list[float]:
-    """Return a list of finite numbers.
-
-    Parameters
-    ----------
-    values
-        Sequence, array or column of numbers.
-    name
-        Name of the argument.
-    meaning
-        What they are, for the message.
-
-    Raises
-    ------
-    TypeError
-        If they are no list of numbers.
-    ValueError
-        If one is infinite or NaN.
-
-    Examples
-    --------
-    >>> finite(np.array([1, 2]), "masses_kg", "kg")
-    [1.0, 2.0]
-    """
-    if isinstance(values, str | bytes) or np.ndim(values) != 1:
-        raise TypeError(f"{name}={values!r} was given. Give a list of numbers: {meaning}.")
-    found = [number(one, name, meaning) for one in values]
-    if not np.isfinite(found).all():
-        raise ValueError(f"{name}={found} was given. Give finite numbers: {meaning}.")
-    return found
-
-
-def positive(value: Any, name: str, meaning: str) -> float:
-    """Return one finite number above 0.
-
-    Raises
-    ------
-    TypeError
-        If it is no number.
-    ValueError
-        If it is not above 0, or infinite.
-
-    Examples
-    --------
-    >>> positive(2, "length_m", "m")
-    2.0
-    """
-    found = number(value, name, meaning)
-    if not 0 < found < np.inf:
-        raise ValueError(f"{name}={found:g} was given. Give more than 0: {meaning}.")
-    return found
 
 
 @contextlib.contextmanager
