@@ -129,34 +129,6 @@ def shear_frame(
     )
 
 
-def storey_stiffness(
-    height_m: float, bending_stiffness_n_m2: float, columns: int = 4, *, pinned: bool = False
-) -> float:
-    """Sway stiffness of the columns of a storey, clamped at both ends or pinned at one.
-
-    Parameters
-    ----------
-    height_m
-        Height [m].
-    bending_stiffness_n_m2
-        Bending stiffness of one column [N m^2].
-    columns
-        Number of columns.
-    pinned
-        Whether one end is pinned.
-
-    Returns
-    -------
-    Stiffness [N/m].
-
-    Examples
-    --------
-    >>> storey_stiffness(2.0, 100.0, columns=2)
-    300.0
-    """
-    return (3 if pinned else 12) * columns * bending_stiffness_n_m2 / height_m**3
-
-
 def beam(
     length_m: float,
     bending_stiffness_n_m2: float,

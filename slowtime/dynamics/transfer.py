@@ -3,7 +3,6 @@ r"""Transfer functions :math:`H(s) = (s^2 M + s C + K)^{-1}` and frequency respo
 import numpy as np
 from jaxtyping import Complex, Float
 
-from .modes import ComplexModes, Modes
 from .structure import Structure
 
 Omega = Float[np.ndarray, " frequency"]
@@ -61,50 +60,6 @@ def frequency_response(
     """
     scale = (1j * omega) ** derivative_order(quantity)
     return np.asarray(scale[:, None, None] * transfer_function(structure, 1j * omega))
-
-
-def undamped_transfer(
-    modes: Modes, omega: Omega
-) -> Float[np.ndarray, "frequency output input"]:
-    r"""Undamped response :math:`\sum_j x_j x_j^T / (\omega_j^2 - \omega^2)` (eq. 3.85).
-
-    Parameters
-    ----------
-    modes
-        Undamped modes.
-    omega
-        Angular frequencies [rad/s].
-
-    Returns
-    -------
-    One matrix per frequency [m/N].
-    """
-    weight = 1 / (modes.angular_frequency**2 - omega[:, None] ** 2)
-    return np.asarray(np.einsum("aj,bj,fj->fab", modes.shapes, modes.shapes, weight))
-
-
-def modal_transfer(modes: ComplexModes, s: Laplace) -> Transfer:
-    r"""Transfer function as a sum over complex modes (eq. 3.238).
-
-    .. math:: H(s) = \sum_{j=1}^{N} \left[ \frac{z_j z_j^T}{\gamma_j (s - s_j)}
-        + \frac{z_j^* z_j^{*T}}{\gamma_j^* (s - s_j^*)} \right]
-
-    with one term for each overdamped motion, which the book leaves out.
-
-    Parameters
-    ----------
-    modes
-        Complex modes.
-    s
-        Points of the Laplace plane [1/s].
-
-    Returns
-    -------
-    One matrix per point [m/N].
-    """
-    poles, shapes, norms = modes.all()
-    weight = 1 / (norms * (s[:, None] - poles))
-    return np.asarray(np.einsum("aj,bj,fj->fab", shapes, shapes, weight))
 
 
 def laplace_response(

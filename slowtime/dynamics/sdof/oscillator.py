@@ -124,27 +124,6 @@ def logarithmic_decrement(damping_ratio: float) -> float:
     return 2 * math.pi * damping_ratio / math.sqrt(1 - damping_ratio**2)
 
 
-def damping_from_decrement(decrement: float) -> float:
-    r"""Damping ratio of a logarithmic decrement, :math:`\delta / \sqrt{4 \pi^2 + \delta^2}`.
-
-    Parameters
-    ----------
-    decrement
-        Logarithmic decrement [1].
-
-    Returns
-    -------
-    Damping ratio [1].
-    """
-    if not 0 <= decrement < math.inf:
-        raise ValueError(
-            f"{decrement=} is not a valid logarithmic decrement of a decaying "
-            "oscillation. Give the "
-            "logarithm of a peak over the next one, zero or more."
-        )
-    return decrement / math.hypot(2 * math.pi, decrement)
-
-
 def resonance(damping_ratio: float, quantity: str = "displacement") -> float:
     r"""Peak of the frequency response, over :math:`\omega_n` (eq. 3.51).
 
@@ -180,27 +159,3 @@ def resonance(damping_ratio: float, quantity: str = "displacement") -> float:
             f"{damping_ratio=} is not below 1/sqrt(2), so the {quantity} has no resonance peak."
         )
     return math.sqrt(inside) if quantity == "displacement" else 1 / math.sqrt(inside)
-
-
-def half_power_points(damping_ratio: float) -> tuple[float, float]:
-    r"""Half-power frequencies of the displacement response, over :math:`\omega_n`.
-
-    Exactly :math:`\sqrt{1 - 2 \zeta^2 \mp 2 \zeta \sqrt{1 - \zeta^2}}`.
-
-    Parameters
-    ----------
-    damping_ratio
-        Damping ratio [1].
-
-    Returns
-    -------
-    Lower and upper frequency ratio [1].
-    """
-    half = 2 * damping_ratio * math.sqrt(max(1 - damping_ratio**2, 0.0))
-    low = 1 - 2 * damping_ratio**2 - half
-    if low < 0:
-        raise ValueError(
-            f"{damping_ratio=} is so large that the response never falls to half its peak "
-            "power below the peak. Give a ratio below 0.38."
-        )
-    return math.sqrt(low), math.sqrt(low + 2 * half)

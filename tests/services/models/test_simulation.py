@@ -6,9 +6,9 @@ from scipy.integrate import solve_ivp
 
 from slowtime.dynamics.builders import beam, chain
 from slowtime.dynamics.description import Input, Sensor, assemble
-from slowtime.dynamics.random_vibration import response_covariance
 from slowtime_services.models import ambient_model, run_model
 from slowtime_services.models.simulation import base_motion
+from tests.slowtime.dynamics.random_vibration import response_covariance
 
 RATE = 50.0
 T = np.arange(200) / RATE

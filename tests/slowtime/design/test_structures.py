@@ -23,10 +23,11 @@ from slowtime.design import (
 )
 from slowtime.design.stationary import state_matrices, stationary_covariance
 from slowtime.dynamics.description import Description, Node, Spring, assemble
-from slowtime.dynamics.random_vibration import kanai_tajimi, response_covariance
+from slowtime.dynamics.random_vibration import kanai_tajimi
 from slowtime.dynamics.simulation import simulate_structure
 from slowtime.dynamics.transfer import frequency_response
 from slowtime.reliability import Problem, marginal, unknowns
+from tests.slowtime.dynamics.random_vibration import response_covariance
 
 FIRST, SECOND = (
     Spring(id="s1", between=("base", "floor1"), stiffness_n_per_m=1.2e6, damping_n_s_per_m=2e3),

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from slowtime.dynamics.builders import beam, chain
-from slowtime.dynamics.damping import caughey, smooth_damping
+from slowtime.dynamics.damping import modal_damping
 from slowtime.dynamics.description import assemble
+from slowtime.dynamics.modes import undamped_modes
 from slowtime.dynamics.structure import Structure
 
 
@@ -45,17 +46,17 @@ def example_3_5():
     return assemble(chain([1.0] * 3, [1.0] * 4, ground_dampings_n_s_per_m=[0.2, 0.0, 0.2]))
 
 
-def caughey_chain():
+def modally_damped_chain():
     bare = assemble(random_chain(4, 1))
     ratios = np.array([0.01, 0.02, 0.025, 0.03])
-    return damped(bare, caughey(bare.mass, bare.stiffness, ratios)[0])
+    return damped(bare, modal_damping(bare.mass, bare.stiffness, ratios))
 
 
 def fitted_beam():
     bare = assemble(beam(2.0, 100.0, 1.5, elements=4, supports="propped", tip_mass_kg=0.5))
-    return damped(
-        bare, smooth_damping(bare.mass, bare.stiffness, lambda w: 0.01 + 0.1 / w + 1e-5 * w)
-    )
+    omega = undamped_modes(bare).angular_frequency
+    ratios = 0.01 + 0.1 / omega + 1e-5 * omega
+    return damped(bare, modal_damping(bare.mass, bare.stiffness, ratios))
 
 
 def twins():
@@ -69,7 +70,7 @@ FAMILY = {
     "example 3.5": example_3_5,
     "random dampers": lambda: assemble(random_chain(6, 0)),
     "undamped": lambda: damped(assemble(random_chain(5, 2)), np.zeros((5, 5))),
-    "Caughey": caughey_chain,
+    "modal damping": modally_damped_chain,
     "beam": fitted_beam,
     "two alike": twins,
     "overdamped": lambda: damped(example_3_3(), 4.0 * np.eye(3)),

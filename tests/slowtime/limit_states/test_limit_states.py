@@ -10,7 +10,7 @@ from scipy import stats
 
 from slowtime.design import AddedStructure, HarmonicLoad, NoiseLoad, Response
 from slowtime.dynamics.description import Description, Node, Spring, assemble
-from slowtime.dynamics.random_vibration import kanai_tajimi, response_covariance
+from slowtime.dynamics.random_vibration import kanai_tajimi
 from slowtime.limit_states import (
     Resonance,
     ResponseLimit,
@@ -20,6 +20,7 @@ from slowtime.limit_states import (
     history,
 )
 from slowtime.reliability import marginal
+from tests.slowtime.dynamics.random_vibration import response_covariance
 
 TIME = np.linspace(0.0, 10.0, 201)
 

@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.optimize import brentq, minimize_scalar
+from scipy.optimize import minimize_scalar
 
 from slowtime.dynamics.sdof.oscillator import (
     Oscillator,
-    damping_from_decrement,
-    half_power_points,
     logarithmic_decrement,
     resonance,
 )
@@ -38,11 +36,6 @@ def test_the_poles_are_the_roots_of_the_characteristic_polynomial(zeta):
         assert abs(residue) < 1e-9
 
 
-@given(zeta=st.floats(0.0, 0.999))
-def test_decrement_and_damping_are_each_others_inverse(zeta):
-    assert damping_from_decrement(logarithmic_decrement(zeta)) == pytest.approx(zeta, abs=1e-12)
-
-
 def test_the_decrement_is_what_successive_peaks_show():
     osc = Oscillator.from_modal(1.0, 0.07)
     after = 2 * math.pi / osc.damped_frequency
@@ -64,24 +57,6 @@ def test_each_quantity_peaks_where_it_says(quantity, order, zeta):
     assert found.x == pytest.approx(resonance(zeta, quantity), abs=1e-5)
 
 
-@pytest.mark.parametrize("zeta", [0.01, 0.05, 0.2])
-def test_half_power_points_are_exact(zeta):
-    peak = magnitude(zeta, resonance(zeta))
-    assert peak == pytest.approx(1 / (2 * zeta * math.sqrt(1 - zeta**2)), rel=1e-12)
-    low, high = half_power_points(zeta)
-
-    def excess(ratio):
-        return magnitude(zeta, ratio) ** 2 - peak**2 / 2
-
-    assert brentq(excess, 0.01, 1.0) == pytest.approx(low, rel=1e-9)
-    assert brentq(excess, resonance(zeta), 3.0) == pytest.approx(high, rel=1e-9)
-
-
-def test_half_the_width_at_half_power_is_nearly_the_damping():
-    low, high = half_power_points(0.05)
-    assert (high - low) / 2 == pytest.approx(0.050126, abs=5e-7)
-
-
 @pytest.mark.parametrize(
     ("call", "words"),
     [
@@ -89,10 +64,8 @@ def test_half_the_width_at_half_power_is_nearly_the_damping():
         (lambda: Oscillator(1.0, -1.0, 1.0), "no oscillator"),
         (lambda: Oscillator(1.0, 0.0, math.nan), "no oscillator"),
         (lambda: logarithmic_decrement(2.0), "not a percentage"),
-        (lambda: damping_from_decrement(-1.0), "not a valid logarithmic decrement"),
         (lambda: resonance(0.8), "no resonance peak"),
         (lambda: resonance(0.1, "jerk"), "Allowed: displacement"),
-        (lambda: half_power_points(0.5), "never falls to half"),
     ],
 )
 def test_what_cannot_be_is_refused(call, words):
