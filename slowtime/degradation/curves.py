@@ -13,7 +13,6 @@ import numpy as np
 from jaxtyping import Float
 
 Points: TypeAlias = Float[np.ndarray, "point shape"]
-Ages: TypeAlias = Float[np.ndarray, " age"] | Float[np.ndarray, "point age"]
 Shape: TypeAlias = Callable[[Points, np.ndarray], np.ndarray]
 
 _LARGEST = 1e3

@@ -31,8 +31,6 @@ from slowtime.dynamics.random_vibration import Shaping, kanai_tajimi
 from .additions import AddedStructure
 from .stationary import state_matrices, stationary_covariance
 
-EULER = 0.5772156649015329
-
 NEGLIGIBLE = 1e-9
 """Share of the load in an absolute acceleration below which it is rounding."""
 
@@ -319,7 +317,7 @@ class Responses:
             crossings = rates[:, place] / (np.pi * found[:, place]) * one.duration_s
             if one.statistic == "mean_peak":
                 root = np.sqrt(2.0 * np.log(np.maximum(crossings, math.e)))
-                found[:, place] *= root + EULER / root
+                found[:, place] *= root + np.euler_gamma / root
             else:
                 u = np.clip(chances[:, peaks.index(place)], 1e-300, 1.0 - 1e-16)
                 log = np.log(crossings) - np.log(-np.log(u))

@@ -10,7 +10,7 @@ all of them at once.
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -114,50 +114,6 @@ class FilterStep:
     surprise: Float[np.ndarray, "*twins"]
     used: Int[np.ndarray, "*twins"]
     rejected: Bool[np.ndarray, "*twins"]
-
-
-class Filter(Protocol):
-    """What every Gaussian filter of this room does; `known` is what drives the step."""
-
-    def start(
-        self,
-        mean: Float[np.ndarray, "*twins state"],
-        covariance: Float[np.ndarray, "*twins state state"],
-    ) -> Gaussian:
-        """Belief one step before the first reading.
-
-        Parameters
-        ----------
-        mean
-            Mean of the state.
-        covariance
-            Covariance of the state.
-
-        Returns
-        -------
-        The belief.
-        """
-        ...
-
-    def step(
-        self, belief: Gaussian, reading: Float[np.ndarray, "*twins reading"], known: Any = None
-    ) -> tuple[Gaussian, FilterStep]:
-        """Predict one step, and update by one reading.
-
-        Parameters
-        ----------
-        belief
-            Belief after the reading before.
-        reading
-            Reading; NaN entries are missing.
-        known
-            Input that drives the step; its meaning depends on the filter.
-
-        Returns
-        -------
-        Belief after the reading, and the details of the step.
-        """
-        ...
 
 
 def triangular(

@@ -29,26 +29,6 @@ def rate(smoothness: float, length: np.ndarray | float) -> np.ndarray:
     return np.asarray(np.sqrt(2.0 * smoothness) / length)
 
 
-def correlation(smoothness: float, distance: np.ndarray) -> np.ndarray:
-    """Correlation of a Matérn process across a distance.
-
-    Parameters
-    ----------
-    smoothness
-        Smoothness: 0.5, 1.5 or 2.5 [1].
-    distance
-        Distance in time, in units of the length scale [1].
-
-    Returns
-    -------
-    Correlation [1], of the shape of `distance`.
-    """
-    s = np.sqrt(2.0 * smoothness) * np.abs(distance)
-    polynomial = {0.5: 1.0, 1.5: 1.0 + s, 2.5: 1.0 + s + s**2 / 3.0}[smoothness]
-    value: np.ndarray = polynomial * np.exp(-s)
-    return value
-
-
 def stationary(smoothness: float) -> Float[np.ndarray, "state state"]:
     """Stationary covariance of the state of a Matérn process of unit variance.
 

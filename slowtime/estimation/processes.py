@@ -11,7 +11,6 @@ from .algebra import Leaf, Process, Product, Sum
 
 __all__ = [
     "Constant",
-    "Cosine",
     "Matern",
     "Periodic",
     "Process",
@@ -132,31 +131,6 @@ class Trend(Leaf):
     def noises(self, step: np.ndarray, move: np.ndarray) -> np.ndarray:
         """See `Process`."""
         return np.asarray(_each(self.drift) ** 2 * kernels.trend_noise(move[..., 0, 1]))
-
-
-@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
-class Cosine(Leaf):
-    r"""A wave of unknown phase and size, :math:`\sigma^2 \cos(2 \pi \tau / p)`."""
-
-    period: Parameter
-    sd: Parameter
-
-    @property
-    def _names(self) -> tuple[str, ...]:
-        return ("period", "sd")
-
-    @property
-    def observation(self) -> np.ndarray:
-        """See `Process`."""
-        return np.array([1.0, 0.0])
-
-    def initial_covariance(self) -> np.ndarray:
-        """See `Process`."""
-        return np.asarray(_each(self.sd) ** 2 * np.eye(2))
-
-    def transitions(self, step: np.ndarray) -> np.ndarray:
-        """See `Process`."""
-        return _turn(2.0 * np.pi * _with_family_axis(step, self.period, self.sd) / self.period)
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)

@@ -28,9 +28,8 @@ from jaxtyping import Float
 
 from .gaussian import FilterStep, Gaussian, root_of, smooth, take_in, triangular
 
-__all__ = ["FilterStep", "Gaussian", "Unscented", "joint", "of_parameters", "smooth"]
+__all__ = ["FilterStep", "Gaussian", "Unscented", "smooth"]
 
-Points = Float[np.ndarray, "*twins point _"]
 Through = Callable[[np.ndarray, Any], np.ndarray]
 """(points, known) to what becomes of each: the last axis changes, those before it do not."""
 
@@ -227,81 +226,3 @@ class Unscented:
             deviations = np.concatenate([odd, even], axis=-2) / reach
         fine = np.isfinite(deviations).all(axis=(-1, -2)) & np.isfinite(mean).all(axis=-1)
         return mean, np.swapaxes(deviations, -1, -2), np.asarray(fine)
-
-
-def of_parameters(
-    read: Through,
-    wander_root: Float[np.ndarray, "... state noise"],
-    reading_noise: Float[np.ndarray, "... reading reading"],
-    **settings: Any,
-) -> Unscented:
-    """Make a filter of parameters alone, which are constant or wander.
-
-    Parameters
-    ----------
-    read
-        Model that has the parameters: (points, known) to the readings.
-    wander_root
-        Root of the covariance by which the parameters wander in a step.
-    reading_noise
-        Covariance of the noise of a reading.
-    **settings
-        Further settings of `Unscented`.
-
-    Returns
-    -------
-    The filter.
-    """
-    return Unscented(
-        move=_stay, read=read, process_root=wander_root, reading_noise=reading_noise, **settings
-    )
-
-
-def joint(
-    move: Callable[[np.ndarray, np.ndarray, Any], np.ndarray],
-    read: Callable[[np.ndarray, np.ndarray, Any], np.ndarray],
-    states: int,
-    process_root: Noise,
-    reading_noise: Float[np.ndarray, "... reading reading"],
-    **settings: Any,
-) -> Unscented:
-    """Make a filter of states and parameters together.
-
-    Parameters
-    ----------
-    move
-        (states, parameters, known) to the states one step later.
-    read
-        (states, parameters, known) to the readings.
-    states
-        Number of states; the entries after them are parameters.
-    process_root
-        Root of the covariance of process noise, or a function; see `Unscented`.
-    reading_noise
-        Covariance of the noise of a reading.
-    **settings
-        Further settings of `Unscented`.
-
-    Returns
-    -------
-    The filter.
-    """
-
-    def moved(points: np.ndarray, known: Any) -> np.ndarray:
-        own, given = points[..., :states], points[..., states:]
-        return np.concatenate([move(own, given, known), given], axis=-1)
-
-    def seen(points: np.ndarray, known: Any) -> np.ndarray:
-        return read(points[..., :states], points[..., states:], known)
-
-    return Unscented(
-        move=moved,
-        read=seen,
-        process_root=process_root,
-        reading_noise=reading_noise,
-        **settings,
-    )
-
-
-def _stay(points: np.ndarray, known: Any) -> np.ndarray:
-    return points

@@ -75,28 +75,6 @@ class SNCurve:
             _positive("lower_slope", self.lower_slope)
 
     @classmethod
-    def of_amplitudes(cls, constant: float, slope: float, log10_sd: float = 0.2) -> "SNCurve":
-        """Make the curve N = constant × amplitude**(-slope), which is given in amplitudes.
-
-        A range is twice an amplitude, so that the constant for ranges is 2**slope times that
-        for amplitudes.
-
-        Parameters
-        ----------
-        constant
-            Cycles times unit of stress to the power of `slope`.
-        slope
-            Slope m [1].
-        log10_sd
-            Standard deviation of log10 of the life [1].
-
-        Returns
-        -------
-        The curve in ranges.
-        """
-        return cls(constant=constant * 2.0**slope, slope=slope, log10_sd=log10_sd)
-
-    @classmethod
     def of_detail_category(
         cls, category: float, *, log10_sd: float = 0.2, characteristic: bool = False
     ) -> "SNCurve":

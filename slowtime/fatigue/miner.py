@@ -18,7 +18,7 @@ import dataclasses
 import math
 
 import numpy as np
-from scipy.special import log_ndtr, ndtr, ndtri
+from scipy.special import log_ndtr, ndtri
 
 from .curves import SNCurve
 from .histogram import Histogram
@@ -94,13 +94,6 @@ class MinerSum:
         share = upper_damage / damage if damage > 0 else 1.0
         slope = share * curve.slope + (1 - share) * lower
         return cls(median=damage, ln_sd=curve.ln_sd, slope=slope)
-
-    @classmethod
-    def of_histogram(cls, curve: SNCurve, histogram: Histogram) -> "MinerSum":
-        """Make it of a histogram, whose bins round each range by up to 2.2 %."""
-        ranges, counts = histogram.ranges, histogram.counts
-        each = counts * curve.damage(ranges)
-        return cls.of(curve, float(each.sum()), float(each[ranges >= curve.knee].sum()))
 
     def with_stress_error(self, ln_sd: float, factor: float = 1.0) -> "MinerSum":
         """Include an error of all stresses by one lognormal factor.
@@ -295,11 +288,3 @@ def equivalent_range(histogram: Histogram, slope: float) -> float:
     if not counts.sum():
         return 0.0
     return float((counts @ histogram.ranges**slope / counts.sum()) ** (1 / slope))
-
-
-def failed_share(total: MinerSum, capacity: Capacity) -> float:
-    """Share of specimens that have failed after so much damage [1]."""
-    if total.median <= 0:
-        return 0.0
-    away = math.log(total.median / capacity.median)
-    return float(ndtr(away / math.hypot(total.ln_sd, capacity.ln_sd)))

@@ -22,8 +22,6 @@ from slowtime.reliability import Marginal, marginal
 FEWEST = 8
 """Periods from which a law is fitted: with fewer the scale is wrong by 30 % or more."""
 
-EULER = 0.5772156649015329
-
 
 def gumbel_of_maxima(maxima: Float[np.ndarray, " period"]) -> Marginal:
     """Gumbel distribution of the largest value of a period.

@@ -6,7 +6,7 @@ interest, and so the frequency and the damping read from it; a median is nonline
 harmonics that look like modes. On a series of frequencies, slow beside its sampling, they do
 what they are meant to do, at the price of a delay, which is stated with each.
 
-All are causal but `hampel`. A reading that is NaN is missing: a filter passes over it, and
+All are causal. A reading that is NaN is missing: a filter passes over it, and
 gives NaN there.
 """
 
@@ -18,9 +18,6 @@ from jaxtyping import Bool, Float
 from .recursive_filters import first_order
 
 Series = Float[np.ndarray, " time"]
-
-GAUSSIAN_MAD = 1.4826
-"""Standard deviation of a Gaussian over its median absolute deviation."""
 
 
 def fir(x: Series, weights: Float[np.ndarray, " tap"]) -> Series:
@@ -132,44 +129,6 @@ def median(x: Series, window: int) -> Series:
         return _with_missing(readings, present)
     windows = np.lib.stride_tricks.sliding_window_view(padded, window)
     return _with_missing(np.nanmedian(windows, axis=1), present)
-
-
-def hampel(x: Series, window: int = 11, threshold: float = 3.0) -> Bool[np.ndarray, " time"]:
-    r"""Tell which readings are outliers among their neighbours.
-
-    An outlier has :math:`|x - \mathrm{med}| > 3 \cdot 1.4826 \, \mathrm{MAD}`, with
-    median and median absolute deviation over the `window` readings around it (Hampel, 1974).
-    Looks to both sides, so it is for series at rest, not for streams.
-
-    Parameters
-    ----------
-    x
-        Readings; NaN where missing.
-    window
-        Odd number of readings, the judged one in the middle; fewer at the ends.
-    threshold
-        In robust standard deviations.
-
-    Returns
-    -------
-    True for an outlier; a missing reading is none.
-    """
-    check_odd_window(window)
-    if not threshold > 0:
-        raise ValueError(
-            f"{threshold=} is not a valid threshold. Give a positive number, such as 3."
-        )
-    half = window // 2
-    edge = np.full(half, np.nan)
-    windows = np.lib.stride_tricks.sliding_window_view(np.concatenate((edge, x, edge)), window)
-    # A window without any reading would warn; its own reading is missing, so none is lost.
-    present = np.isfinite(x)
-    seen = windows[present]
-    centre = np.nanmedian(seen, axis=1)
-    spread = np.nanmedian(np.abs(seen - centre[:, None]), axis=1)
-    outlier = np.zeros(len(x), dtype=bool)
-    outlier[present] = np.abs(x[present] - centre) > threshold * GAUSSIAN_MAD * spread
-    return outlier
 
 
 def check_odd_window(window: int) -> None:

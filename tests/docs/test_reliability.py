@@ -9,7 +9,7 @@ import pytest
 
 from slowtime.reliability import FAMILIES, METHODS
 from slowtime_services.problem_files.expressions import FUNCTIONS
-from slowtime_services.problem_files.reliability import parse_problem
+from slowtime_services.problem_files.reliability import read_stated_problem
 from tests.docs.commands import parse
 
 ROOT = Path(__file__).parents[2]
@@ -48,5 +48,7 @@ def test_the_python_of_the_page_runs():
     assert warnings == ()
 
 
-def test_the_file_of_the_page_is_one():
-    assert parse_problem(block("yaml"), "page").names == ("strength", "load")
+def test_the_file_of_the_page_is_one(tmp_path):
+    path = tmp_path / "page.yaml"
+    path.write_text(block("yaml"))
+    assert read_stated_problem(path)[0].names == ("strength", "load")

@@ -40,10 +40,12 @@ class ReliabilityFileError(ValueError):
     """A reliability file that cannot be used; the text names line and cure."""
 
 
-def read_problem(
+def read_stated_problem(
     path: str | pathlib.Path, limit_state: str | pathlib.Path | None = None
-) -> Problem:
-    """Read a problem from YAML or JSON, or from the variable `problem` of a Python file.
+) -> tuple[Problem, Stated]:
+    """Read a problem from YAML, JSON or a Python file, and what its owner states of it.
+
+    A Python file has them as its variables `problem` and `stated`, a `Stated`.
 
     Parameters
     ----------
@@ -55,16 +57,6 @@ def read_problem(
     ------
     ReliabilityFileError
         (a ValueError) naming line and cure. OSError where a file cannot be opened.
-    """
-    return read_stated_problem(path, limit_state)[0]
-
-
-def read_stated_problem(
-    path: str | pathlib.Path, limit_state: str | pathlib.Path | None = None
-) -> tuple[Problem, Stated]:
-    """Read a problem as `read_problem` does, and what its owner states of it.
-
-    A Python file states it by the variable `stated`, a `Stated`.
     """
     path = pathlib.Path(path)
     if path.suffix == ".py":
@@ -93,14 +85,6 @@ def read_stated_problem(
         name = f"g of {pathlib.Path(limit_state).name} ≤ 0"
         stated = dataclasses.replace(stated, formula=name)
     return _problem(file, lines, path.name, own), stated
-
-
-def parse_problem(text: str, name: str) -> Problem:
-    """Check the text of a reliability file; errors refer to it by `name`."""
-    file, lines = parse_checked(
-        text, name, ReliabilityFile, "reliability", ReliabilityFileError
-    )
-    return _problem(file, lines, name, None)
 
 
 def _stated(file: ReliabilityFile) -> Stated:

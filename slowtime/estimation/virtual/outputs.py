@@ -15,7 +15,6 @@ from slowtime.dynamics.description import Description, places
 from slowtime.dynamics.elements import BASE, Beam, Element, Matrix
 
 Row = Float[np.ndarray, " dof"]
-Kind = Literal["displacement", "drift", "force", "moment"]
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)

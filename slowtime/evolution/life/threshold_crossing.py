@@ -11,61 +11,11 @@ from jaxtyping import Float
 from slowtime.estimation import filtering
 from slowtime.estimation.matern import SlowProcess
 from slowtime.estimation.processes import Sum
-from slowtime.evolution.change import Series
-from slowtime.evolution.forecasting import continuation
 from slowtime.evolution.forecasting.continuation import Continuation
-from slowtime.evolution.forecasting.outlook import JumpLaw, Outlook
+from slowtime.evolution.forecasting.outlook import JumpLaw
 
 from .first_passage import first_passage
 from .remaining_life import SHARES, RemainingLife, from_failure_times
-
-
-def first_crossing(
-    outlook: Outlook,
-    slow_time: Series,
-    value: Series,
-    sd: Series,
-    threshold: float,
-    horizon: float,
-    *,
-    shares: tuple[float, ...] = SHARES,
-    toward: Literal["below", "above"] | None = None,
-    common_sd: float = 0.0,
-    points: int = 200,
-    paths: int = 4000,
-    seed: int = 0,
-) -> RemainingLife:
-    """Distribution of the time at which the future of a history first crosses a threshold.
-
-    Parameters
-    ----------
-    outlook
-        What `forecast.fit` has learnt.
-    slow_time, value, sd
-        The history, as for `forecast.fit`.
-    threshold
-        In the unit of the quantity.
-    horizon
-        Slow time up to which is looked.
-    shares
-        Probabilities whose times are asked for.
-    toward
-        The side that is asked for, which the quantity may be on already; where not given, the
-        one on which it is believed not to be now.
-    common_sd
-        Of the error that all readings share, which no number of them averages out.
-    points
-        Instants up to the horizon at which a future is looked at, straight between.
-    paths, seed
-        How many futures, and of which random numbers.
-
-    Returns
-    -------
-    Distribution of the time of the first crossing.
-    """
-    begun = continuation.begin(outlook, slow_time, value, sd)
-    futures = draw_futures(begun, horizon, points=points, paths=paths, seed=seed)
-    return futures.crossing(threshold, shares=shares, toward=toward, common_sd=common_sd)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -190,42 +140,6 @@ class SampledFutures:
             when, threshold=threshold, now=now, horizon=float(self.later[-1]), shares=shares,
             weights=self.weights,
         )  # fmt: skip
-
-
-def draw_futures(
-    begun: Continuation, horizon: float, *, points: int = 200, paths: int = 4000, seed: int = 0
-) -> SampledFutures:
-    """Draw futures up to a horizon.
-
-    Parameters
-    ----------
-    begun
-        History with its fitted processes, ready to be continued.
-    horizon
-        Slow time of the last instant.
-    points
-        Number of instants after the last reading.
-    paths
-        Number of futures.
-    seed
-        Seed of the draws.
-
-    Returns
-    -------
-    The futures.
-
-    Raises
-    ------
-    ValueError
-        Where the horizon is not after the last reading.
-    """
-    if not horizon > begun.time:
-        raise ValueError(
-            f"The horizon {horizon:g} is not after the last reading at {begun.time:g}. Give a "
-            "later slow time."
-        )
-    later = np.linspace(begun.time, horizon, points + 1)
-    return draw_futures_at(begun, later, paths=paths, seed=seed)
 
 
 def draw_futures_at(

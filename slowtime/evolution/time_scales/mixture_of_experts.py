@@ -18,9 +18,6 @@ from slowtime.estimation import filtering
 from slowtime.estimation.processes import Constant, Matern, Sum
 from slowtime.evolution.change import Series
 
-EXPERTS = 2
-"""Number of experts."""
-
 _LEAST = 1e-4
 """Responsibility below which a reading is left out of an expert."""
 

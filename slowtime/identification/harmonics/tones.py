@@ -26,9 +26,6 @@ SEARCH_SHARE = 1e-3
 PIECE = 16_384
 """Rows from which lines are taken at once."""
 
-SURROUNDINGS = 40
-"""Bins either side that say how loud a channel is where there is no line."""
-
 
 def strongest_bin(spectra: FourierSpectra, frequency_hz: float) -> int:
     """Bin of the strongest ordinate about a frequency, channels weighted by their own level.

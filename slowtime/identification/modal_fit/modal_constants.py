@@ -28,10 +28,6 @@ from slowtime.identification.modes import Mode
 from .basis import pole_quantities
 from .maximum_likelihood import PoleFit
 
-MOST_SKEW = 0.35
-"""[rad] Phase of a modal mass, which should be none, beyond which its mode is flagged: residues
-of close modes or a wrong driving point. Source: judgement; 20 degrees."""
-
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ModalConstants:

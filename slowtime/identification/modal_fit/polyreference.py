@@ -24,8 +24,6 @@ References
    the stabilisation diagrams", MSSP 19 (2005).
 """
 
-import dataclasses
-
 import numpy as np
 from jaxtyping import Complex, Float
 
@@ -40,15 +38,6 @@ DRAWS = 12
 
 ENDLESS_S = 1e9
 """[s] Duration stated for these poles, whose draws count in full."""
-
-
-@dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class _Equations:
-    """Toeplitz sequences of the normal equations of one output, lags from -n to n."""
-
-    numerator: np.ndarray
-    cross: np.ndarray
-    denominator: np.ndarray
 
 
 def polyreference_poles(

@@ -24,7 +24,6 @@ import functools
 import numpy as np
 from jaxtyping import Complex, Float
 
-from .evaluation import inverse_density
 from .model import BandData, BandModel
 
 GAUGE = 1e-9
@@ -266,33 +265,6 @@ def surprise_of(
     """
     between = precision @ (data.density - density) @ precision
     return np.ascontiguousarray((between * data.number[:, None, None]).transpose(1, 2, 0))
-
-
-def fisher_information(
-    data: BandData,
-    model: BandModel,
-    density: Complex[np.ndarray, "group direction direction"],
-) -> tuple[np.ndarray, np.ndarray]:
-    """Fisher information and score of all parameters.
-
-    Parameters
-    ----------
-    data
-        Mean spectral matrices of the band.
-    model
-        Modal state-space model of the band.
-    density
-        Density that the model predicts; positive definite.
-
-    Returns
-    -------
-    Information matrix, and score.
-    """
-    precision, _ = inverse_density(density)
-    if precision is None:
-        raise ValueError("A density is not positive definite. Start from `initial_model`.")
-    gain, bent = model.gain(data.omega, data.width)
-    return information_and_score(data, model, (gain, bent, density, precision))
 
 
 def information_and_score(

@@ -74,11 +74,6 @@ class FittedMode:
     prominence: float
     strength: float
 
-    @property
-    def half_bandwidth_hz(self) -> float:
-        """Decay rate over 2 pi [Hz]."""
-        return -self.pole.real / (2 * np.pi)
-
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class InitialMode:

@@ -88,47 +88,6 @@ def ssi_covariance(
     return _of_samples(samples, rate_hz, block_rows, orders, references, shapes, weighting)
 
 
-def ssi_data(
-    samples: Float[np.ndarray, "time channel"],
-    rate_hz: float,
-    *,
-    block_rows: int,
-    orders: Sequence[int],
-    references: Sequence[int] | None = None,
-    shapes: bool = True,
-) -> Poles:
-    """Data-driven stochastic subspace identification (UPC), with uncertainty at every order.
-
-    The projection of future on past, :math:`Y_f Y_p^H (Y_p Y_p^H)^{-1} Y_p`, has the left
-    singular vectors and values of :math:`H (Y_p Y_p^H)^{-1/2}`: the covariances of the data,
-    whitened on the side of the past.
-
-    Parameters
-    ----------
-    samples
-        Equally spaced, any units; each channel is scaled to unit variance.
-    rate_hz
-        Samples per second [Hz].
-    block_rows
-        Lags in a block row or column; twice as many are used.
-    orders
-        Model orders, two for each mode.
-    references
-        Channels to correlate with; all by default.
-    shapes
-        Whether to compute errors of the shapes as well.
-
-    Returns
-    -------
-    Poles of all orders, with their errors.
-
-    References
-    ----------
-    .. [1] P. Van Overschee, B. De Moor, "Subspace Identification for Linear Systems" (1996).
-    """
-    return _of_samples(samples, rate_hz, block_rows, orders, references, shapes, "past")
-
-
 def identify_poles(
     correlations: Correlations,
     *,

@@ -13,8 +13,6 @@ from scipy import optimize, special
 Build = Callable[..., Any]
 """From parameters to a frozen distribution of `scipy.stats`."""
 
-EULER = 0.5772156649015329
-
 
 def _normal(*, mean: float, sd: float) -> Any:
     return scipy.stats.norm(mean, sd)
@@ -31,12 +29,12 @@ def _lognormal_log(*, log_mean: float, log_sd: float) -> Any:
 
 def _gumbel(*, mean: float, sd: float) -> Any:
     scale = sd * math.sqrt(6.0) / math.pi
-    return scipy.stats.gumbel_r(mean - EULER * scale, scale)
+    return scipy.stats.gumbel_r(mean - np.euler_gamma * scale, scale)
 
 
 def _gumbel_min(*, mean: float, sd: float) -> Any:
     scale = sd * math.sqrt(6.0) / math.pi
-    return scipy.stats.gumbel_l(mean + EULER * scale, scale)
+    return scipy.stats.gumbel_l(mean + np.euler_gamma * scale, scale)
 
 
 def _weibull(*, mean: float, sd: float) -> Any:

@@ -14,9 +14,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.distance import cdist
 
-Matrix = Float[np.ndarray, "sample other"]
 Inputs = Float[np.ndarray, "sample input"]
-Vector = Float[np.ndarray, " parameter"]
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

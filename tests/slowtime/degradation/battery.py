@@ -12,8 +12,8 @@ import numpy as np
 
 from slowtime import degradation
 from slowtime.evolution.forecasting import forecast
-from slowtime.evolution.life import threshold_crossing
 from tests.slowtime.degradation.histories import KINDS, TRUE_LAW, Hidden, hidden
+from tests.slowtime.evolution.life.crossings import first_crossing
 
 SHARES = (0.1, 0.5, 0.9)
 SURE = 0.9
@@ -70,7 +70,7 @@ def judge(case: Hidden) -> Score:
     readings = case.time, case.value, case.sd
     outlook = forecast.fit(*readings)
     since = float(case.time[-1])
-    today = threshold_crossing.first_crossing(
+    today = first_crossing(
         outlook, *readings, case.threshold, case.horizon, toward="below", points=120, paths=2000
     )
     begin = time.process_time()

@@ -8,7 +8,6 @@ from slowtime.estimation import filtering, state_space
 from slowtime.estimation.matern import SlowProcess
 from slowtime.estimation.processes import (
     Constant,
-    Cosine,
     Matern,
     Periodic,
     Trend,
@@ -19,7 +18,6 @@ PROCESSES = {
     "Matern 1/2": Matern(smoothness=0.5, length=4.0, sd=0.8),
     "Matern 3/2": Matern(smoothness=1.5, length=4.0, sd=0.8),
     "Matern 5/2": Matern(smoothness=2.5, length=4.0, sd=0.8),
-    "cosine": Cosine(period=9.0, sd=0.6),
     "periodic": Periodic(period=9.0, length=0.9, sd=0.7),
     "edged": Periodic(period=9.0, length=0.9, sd=0.7, harmonics=6, edges=True),
     "quasi-periodic": quasi_periodic(
@@ -27,7 +25,7 @@ PROCESSES = {
     ),
     "sum": Matern(length=12.0, sd=1.0) + Matern(smoothness=0.5, length=2.0, sd=0.4),
     "sum with a level": Constant(sd=2.0) + Matern(smoothness=2.5, length=6.0, sd=0.5),
-    "product": Matern(length=12.0, sd=1.0) * Cosine(period=6.0, sd=0.9),
+    "product": Matern(length=12.0, sd=1.0) * Periodic(period=6.0, length=1.4, sd=0.9),
     "sum of products": Constant(sd=1.0)
     + Matern(length=9.0, sd=0.5)
     + quasi_periodic(period=5.0, length=1.5, sd=0.7, memory=20.0),

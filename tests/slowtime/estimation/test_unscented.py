@@ -93,7 +93,12 @@ def test_parameters_alone_are_learnt_from_what_the_model_would_read():
         return np.exp(theta[..., :1]) * np.exp(-np.exp(theta[..., 1:]) * times)
 
     times = np.linspace(0.0, 3.0, 15)
-    one = unscented.of_parameters(pulse, np.zeros((2, 1)), 1e-4 * np.eye(15))
+    one = unscented.Unscented(
+        move=lambda theta, times: theta,
+        read=pulse,
+        process_root=np.zeros((2, 1)),
+        reading_noise=1e-4 * np.eye(15),
+    )
     belief = one.start(np.zeros(2), 0.5 * np.eye(2))
     truth = np.log(np.array([1.7, 0.6]))
     for _ in range(30):
@@ -101,26 +106,6 @@ def test_parameters_alone_are_learnt_from_what_the_model_would_read():
         belief, _ = one.step(belief, reading, times)
     np.testing.assert_allclose(belief.mean, truth, atol=4 * belief.sd.max())
     assert belief.sd.max() < 0.01
-
-
-def test_states_and_parameters_together_are_the_augmented_filter():
-    def move(x, theta, known):
-        return x * np.exp(-theta)
-
-    def read(x, theta, known):
-        return x + 0.0 * theta
-
-    both = unscented.joint(move, read, 1, np.array([[0.1], [0.0]]), np.eye(1) * 0.01)
-    alone = unscented.Unscented(
-        move=lambda p, known: np.stack([p[..., 0] * np.exp(-p[..., 1]), p[..., 1]], axis=-1),
-        read=lambda p, known: p[..., :1],
-        process_root=np.array([[0.1], [0.0]]),
-        reading_noise=np.eye(1) * 0.01,
-    )
-    belief = both.start(np.array([1.0, 0.2]), 0.1 * np.eye(2))
-    one, two = both.step(belief, np.array([0.7]))[0], alone.step(belief, np.array([0.7]))[0]
-    np.testing.assert_allclose(one.mean, two.mean)
-    np.testing.assert_allclose(one.covariance, two.covariance)
 
 
 @pytest.mark.long

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slowtime.signals.filters import ewma, fir, hampel, median, moving_average
+from slowtime.signals.filters import ewma, fir, median, moving_average
 
 NOISE = np.random.default_rng(11).standard_normal(200_000)
 FILTERS = {
@@ -85,19 +85,6 @@ def test_a_median_costs_half_as_much_again_as_a_mean():
     )
 
 
-def test_hampel_finds_the_outlier_and_nothing_else():
-    x = np.sin(np.arange(200) / 300) + 0.01 * NOISE[:200]
-    x[[50, 120]] += (0.3, -0.4)
-    found = hampel(x, 11, 6.0)
-    assert found[[50, 120]].all()
-    assert found.sum() <= 4
-
-
-def test_hampel_calls_no_missing_reading_an_outlier():
-    x = np.array([1.0, np.nan, 1.1, 1.0, 9.0, 1.1, 1.0])
-    assert hampel(x, 5).tolist() == [False, False, False, False, True, False, False]
-
-
 @pytest.mark.parametrize(
     ("call", "words"),
     [
@@ -105,7 +92,6 @@ def test_hampel_calls_no_missing_reading_an_outlier():
         (lambda: moving_average(NOISE[:9], 0), "not a valid number of readings"),
         (lambda: ewma(NOISE[:9], 0.0), r"outside \(0, 1\]"),
         (lambda: fir(NOISE[:9], np.zeros(0)), "no weights"),
-        (lambda: hampel(NOISE[:9], 3, 0.0), "not a valid threshold"),
     ],
 )
 def test_what_cannot_filter_is_refused(call, words):

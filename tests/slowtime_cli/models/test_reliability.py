@@ -8,7 +8,7 @@ import pytest
 
 from slowtime.reliability import METHODS
 from slowtime_cli.verbs.models import reliability
-from slowtime_services.problem_files.reliability import read_problem
+from slowtime_services.problem_files.reliability import read_stated_problem
 
 EXAMPLE = Path(__file__).parents[3] / "docs/examples/column.yaml"
 BEAM = """slowtime_reliability: 1
@@ -130,7 +130,7 @@ def test_a_file_may_add_many_inputs(tmp_path):
     laws = "".join(f"  x{k}: {{marginal: normal, mean: 1, sd: 1}}\n" for k in range(200))
     total = " - ".join(f"x{k} + x{k + 1}" for k in range(0, 200, 2))
     path = write(tmp_path, f"slowtime_reliability: 1\ninputs:\n{laws}limit_state: {total}\n")
-    limit_state = read_problem(path).limit_state
+    limit_state = read_stated_problem(path)[0].limit_state
     x = np.random.default_rng(1).standard_normal((5, 200))
     signs = np.array([1.0, *[s for _ in range(99) for s in (1.0, -1.0)], 1.0])
     assert limit_state(x) == pytest.approx(x @ signs)

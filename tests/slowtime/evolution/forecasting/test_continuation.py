@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from slowtime.evolution.forecasting import continuation, forecast
-from slowtime.evolution.life import threshold_crossing
+from tests.slowtime.evolution.life.crossings import draw_futures, first_crossing
 
 
 @pytest.fixture(scope="module", params=["smooth", "repeating"])
@@ -59,13 +59,9 @@ def test_all_thresholds_are_told_by_the_same_futures(learnt):
     outlook, history = learnt
     time, value, sd = history
     horizon = float(time[-1] + 60.0)
-    futures = threshold_crossing.draw_futures(
-        continuation.begin(outlook, time, value, sd), horizon, paths=500
-    )
+    futures = draw_futures(continuation.begin(outlook, time, value, sd), horizon, paths=500)
     for threshold in (-0.2, 0.0):
-        alone = threshold_crossing.first_crossing(
-            outlook, time, value, sd, threshold, horizon, paths=500
-        )
+        alone = first_crossing(outlook, time, value, sd, threshold, horizon, paths=500)
         together = futures.crossing(threshold)
         np.testing.assert_array_equal(together.slow_time, alone.slow_time)
         assert together.within == alone.within

@@ -6,7 +6,6 @@ import pytest
 from slowtime.identification.spectral_likelihood.evaluation import evaluate
 from slowtime.identification.spectral_likelihood.fisher_information import (
     add_prior,
-    fisher_information,
 )
 from slowtime.identification.spectral_likelihood.model import (
     BandData,
@@ -14,6 +13,7 @@ from slowtime.identification.spectral_likelihood.model import (
     step_parameters,
 )
 from slowtime.identification.spectral_likelihood.score_test import AddedModeTest
+from tests.slowtime.identification.spectral_likelihood.information import fisher_information
 
 STEP = 1e-6
 

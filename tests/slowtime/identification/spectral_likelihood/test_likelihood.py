@@ -5,7 +5,6 @@ import pytest
 
 from slowtime.identification.spectral_likelihood.fisher_information import (
     add_prior,
-    fisher_information,
 )
 from slowtime.identification.spectral_likelihood.likelihood import (
     band_log_likelihood,
@@ -18,6 +17,7 @@ from slowtime.identification.spectral_likelihood.model import (
     step_parameters,
 )
 from slowtime.identification.spectral_likelihood.score_test import AddedModeTest
+from tests.slowtime.identification.spectral_likelihood.information import fisher_information
 
 OMEGA = np.linspace(-30.0, 30.0, 301)
 POLES = np.array([-1.0 - 4.0j, -1.5 + 6.0j])
