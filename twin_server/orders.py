@@ -12,15 +12,12 @@ from pydantic import (
     model_validator,
 )
 
-from slowtime_schemas.answers.diagnoses import DiagnosisState
 from slowtime_schemas.files.model_v2 import AnyLineModel
 from slowtime_schemas.quantities import Immutable, Plain
 
 Clock = Literal["fast", "slow"]
 Seconds = Annotated[float, Field(gt=0, le=3600, allow_inf_nan=False)]
 Moment = Annotated[int, Field(ge=0, lt=2**63)] | AwareDatetime
-
-ENDED: tuple[DiagnosisState, ...] = ("done", "failed", "cancelled")
 FILES = ("report.json", "report.html", "charts.json", "augmented.yaml")
 """What a diagnosis that is done has to give."""
 

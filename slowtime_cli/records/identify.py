@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, cast
 
 import click
 import numpy as np
@@ -11,7 +11,6 @@ import numpy as np
 from slowtime.identification import checks
 from slowtime.identification.estimates import Identified
 from slowtime.identification.free_decay.along_decay import DEPENDS, along_decay_note
-from slowtime.identification.modes import Mode
 from slowtime.identification.options import IdentifyOptions, OneByOne
 from slowtime.identification.single_mode.machine_lines import (
     LINE,
@@ -41,9 +40,6 @@ from slowtime_services.modal.losses import Completed, completed, wider
 from . import mode_tables
 from .modes_file import write_modes_file
 from .shape_scenes import sketch_of_places, spatial_section
-
-F = TypeVar("F", Identified, Mode)
-Samples = np.ndarray[Any, Any]
 
 MIXED = "mixed_units"
 """Flag of modes whose shape is not told, since channels have several units."""

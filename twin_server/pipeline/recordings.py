@@ -2,7 +2,6 @@
 
 import asyncio
 import collections
-import logging
 import os
 import threading
 from collections import Counter
@@ -30,8 +29,6 @@ from twin_server.settings import RecordingSettings
 from .recording_folder import NOWHERE, Kept, RecordingFolder, name_taken
 from .replays import Replay, check_duration
 from .uploads import RETRY_AFTER_S, Upload, Uploads, no_room
-
-logger = logging.getLogger(__name__)
 
 CHECKS_AT_ONCE = 8
 """Recordings that are read through at once, of different sites; each has a process of some

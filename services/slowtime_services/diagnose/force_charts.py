@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from slowtime.discrepancy.diagnosis import ForceCut, MeasuredForce
 from slowtime_services.reports import Chart
@@ -15,8 +14,6 @@ BAND_SDS = 1.96
 distribution."""
 FORCE, LAW, SAMPLE, INSIDE = "#0b6fb8", "#b3541e", "#5b6770", "rgba(91, 103, 112, 0.13)"
 OUTSIDE = "outside the measured range"
-
-Series = Float[np.ndarray, " point"]
 Plain = dict[str, Any]
 
 

@@ -1,13 +1,12 @@
 """Matrix files, and a model file that names them, in; sparse models with parameters out."""
 
 from .any_model import read_any_description
-from .dof_tables import read_dof_map, write_dof_map
+from .dof_tables import read_dof_map
 from .errors import MatrixFileError
 from .matrix_model import (
     MatrixModel,
     matrix_model_of,
     read_matrix_model,
-    read_model_of_matrices,
 )
 from .nastran_output4_writing import write_output4
 from .reduced_description import ReducedDescription, describe_reduced
@@ -24,9 +23,7 @@ __all__ = [
     "read_dof_map",
     "read_matrix",
     "read_matrix_model",
-    "read_model_of_matrices",
     "read_reduced",
-    "write_dof_map",
     "write_matrix",
     "write_output4",
     "write_reduced",

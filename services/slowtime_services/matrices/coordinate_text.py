@@ -16,7 +16,6 @@ from .bounds import refuse_empty_rows
 from .errors import MatrixFileError
 
 MARKET = "%%MatrixMarket"
-MOST_DIRECTIONS = 6
 _WHOLE = 2.0**53
 """Whole numbers below are exact as floating-point numbers [1]."""
 
@@ -106,22 +105,6 @@ def node_directions(table: np.ndarray) -> list[np.ndarray]:
     return [
         8 * table[:, k].astype(np.int64) + table[:, k + 1].astype(np.int64) - 1 for k in (0, 2)
     ]
-
-
-def read_places(path: Path) -> list[tuple[str, int]]:
-    """Node and direction of each row of a file of lines of five numbers.
-
-    Parameters
-    ----------
-    path
-        Text file.
-
-    Returns
-    -------
-    Node and direction, 0 to 5, of each row.
-    """
-    codes = np.unique(np.concatenate(node_directions(_numbers(path))))
-    return [(str(code // 8), int(code % 8)) for code in codes.tolist()]
 
 
 def _numbers(path: Path) -> np.ndarray:

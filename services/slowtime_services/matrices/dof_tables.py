@@ -87,24 +87,6 @@ def map_of(places: Sequence[tuple[str, int]], where: Mapping[str, Sequence[float
         raise MatrixFileError(str(error)) from error
 
 
-def write_dof_map(path: Path, dofs: DofMap) -> None:
-    """Write a map as CSV.
-
-    Parameters
-    ----------
-    path
-        File.
-    dofs
-        The map.
-    """
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow([*COLUMNS, *PLACES])
-        for node, direction in zip(dofs.node.tolist(), dofs.direction.tolist(), strict=True):
-            place = [repr(value) for value in dofs.coordinates[node].tolist()]
-            writer.writerow([dofs.node_names[node], DIRECTIONS[direction], *place])
-
-
 def _from_table(path: Path) -> tuple[list[tuple[str, int]], dict[str, Sequence[float]]]:
     places = list[tuple[str, int]]()
     where = dict[str, Sequence[float]]()

@@ -200,23 +200,6 @@ def _assembled(
         raise MatrixFileError(f"`frame`: {error}") from error
 
 
-def read_model_of_matrices(section: Matrices, folder: Path) -> ParametricMatrices:
-    """Read the files that a section `matrices` names.
-
-    Parameters
-    ----------
-    section
-        The section.
-    folder
-        Where its paths begin.
-
-    Returns
-    -------
-    The model, held as the section says.
-    """
-    return _read_matrices(section, folder)[0]
-
-
 def _read_matrices(
     section: Matrices, folder: Path
 ) -> tuple[ParametricMatrices, ParametricMatrices]:

@@ -133,35 +133,6 @@ def read_dmig(path: Path, name: str | None = None) -> tuple[sparse.csr_array, li
     return sparse.csr_array((values, (rows, columns)), shape=(size, size)), places
 
 
-def write_dmig(path: Path, name: str, matrix: sparse.csr_array, places: list[Place]) -> None:
-    """Write a symmetric matrix as DMIG cards of large fields.
-
-    Parameters
-    ----------
-    path
-        File.
-    name
-        Of the matrix, eight characters at most.
-    matrix
-        The matrix.
-    places
-        Node (a number) and direction, 0 to 5, of each row.
-    """
-    lower = sparse.csc_array(sparse.tril(matrix))
-    lines = [f"{'DMIG':<8}{name:<8}{0:>8}{6:>8}{2:>8}{0:>8}"]
-    for column in range(lower.shape[1]):
-        inside = slice(lower.indptr[column], lower.indptr[column + 1])
-        if inside.start == inside.stop:
-            continue
-        node, direction = places[column]
-        lines.append(f"{'DMIG*':<8}{name:<16}{node:>16}{direction + 1:>16}")
-        for row, value in zip(lower.indices[inside], lower.data[inside], strict=True):
-            node, direction = places[row]
-            number = f"{value:.9E}".replace("E", "D")
-            lines.append(f"{'*':<8}{node:>16}{direction + 1:>16}{number:>16}")
-    path.write_text("\n".join(lines) + "\n", encoding="ascii")
-
-
 def _order(place: Place) -> tuple[int, int]:
     return int(place[0]), place[1]
 

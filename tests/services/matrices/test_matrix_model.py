@@ -14,10 +14,10 @@ from slowtime_services.matrices import (
     MatrixFileError,
     read_matrix_model,
     read_reduced,
-    write_dof_map,
     write_matrix,
     write_reduced,
 )
+from tests.services.matrices.written_files import write_dof_map
 from tests.slowtime.finite_elements.frames import small_tower
 
 FRAME = small_tower(3)

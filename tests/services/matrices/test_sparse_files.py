@@ -9,11 +9,10 @@ from slowtime_services.matrices import (
     MatrixFileError,
     read_dof_map,
     read_matrix,
-    write_dof_map,
     write_matrix,
 )
-from slowtime_services.matrices.coordinate_text import read_places
-from slowtime_services.matrices.nastran_bulk import read_dmig, read_grids, write_dmig
+from slowtime_services.matrices.nastran_bulk import read_dmig, read_grids
+from tests.services.matrices.written_files import write_dmig, write_dof_map
 from tests.slowtime.finite_elements.frames import small_tower
 
 MATRIX = assemble(small_tower(2)).stiffness
@@ -61,7 +60,6 @@ def test_abaqus_matrix_input_orders_rows_by_node_and_direction(tmp_path):
         "7,2, 7,2, 2.0\n3,1, 3,1, 4.0\n3,1, 3,2, -1.0\n3,2, 3,2, 3.0\n3,2, 7,2, -0.5\n"
     )
     np.testing.assert_array_equal(read_matrix(path).toarray(), SMALL)
-    assert read_places(path) == [("3", 0), ("3", 1), ("7", 1)]
 
 
 def test_dmig_is_read_in_small_large_and_free_fields(tmp_path):

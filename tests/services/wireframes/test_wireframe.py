@@ -12,7 +12,6 @@ from slowtime_services.matrices import (
     describe_reduced,
     matrix_model_of,
     read_matrix_model,
-    write_dof_map,
     write_matrix,
 )
 from slowtime_services.modal import Geometry, NodeAxis
@@ -25,6 +24,7 @@ from slowtime_services.wireframes import (
     with_geometry,
 )
 from slowtime_services.wireframes.thinning import contracted, spread_nodes
+from tests.services.matrices.written_files import write_dof_map
 
 TOWER = Path(__file__).parents[3] / "docs/examples/lattice_tower.yaml"
 

@@ -8,7 +8,8 @@ import pytest
 
 from slowtime.finite_elements.assembly import assemble
 from slowtime.finite_elements.eigenvalues import nominal_modes
-from slowtime_services.matrices import read_reduced, write_dof_map, write_matrix
+from slowtime_services.matrices import read_reduced, write_matrix
+from tests.services.matrices.written_files import write_dof_map
 from tests.slowtime.finite_elements.frames import small_tower
 
 MODEL: Any = assemble(small_tower(4))

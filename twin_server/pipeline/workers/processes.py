@@ -6,7 +6,6 @@ ended, since nobody waits any more or it takes too long, is replaced at once.
 """
 
 import contextlib
-import logging
 import multiprocessing
 import os
 import queue
@@ -26,8 +25,6 @@ from slowtime_services.operating_system import (
 from twin_server.fairness import Processors, Turn, current_holder
 from twin_server.serve import ProblemError
 from twin_server.serve.http.compute_queue import abandoned
-
-logger = logging.getLogger(__name__)
 
 T = TypeVar("T")
 

@@ -7,7 +7,6 @@ comes next. None of that is felt by others.
 
 import asyncio
 import dataclasses
-import logging
 from collections import Counter
 from collections.abc import Callable
 from typing import Any
@@ -16,8 +15,6 @@ from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 from .pace import Pace
 from .problems import MEDIA_TYPE, problem
-
-logger = logging.getLogger(__name__)
 
 LARGEST_HEAD = 65_536
 """Bytes of a request's head."""

@@ -31,7 +31,6 @@ from .fractions import fraction_beside, whole_seconds
 
 HOUR_NS = DAY_NS // 24
 DAY_S = 86400.0
-FEWEST_STEADY = 3
 _PARTS = (
     ("year", "yyyy", "yy", "jahr"), ("month", "mon", "mm", "mo", "monat"),
     ("day", "dd", "tag"), ("hour", "hh", "hr", "h", "stunde"),
