@@ -62,11 +62,6 @@ def _lock_byte(descriptor: int, *, wait: bool) -> None:
 def access_of_others(path: Path) -> int:
     """Return the bits of a file's mode by which others than its owner may use it.
 
-    Parameters
-    ----------
-    path
-        File that is there.
-
     Returns
     -------
     Bits of the mode; 0 on systems whose modes say nothing of other users.

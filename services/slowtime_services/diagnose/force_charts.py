@@ -18,15 +18,7 @@ Plain = dict[str, Any]
 
 
 def force_charts(measured: MeasuredForce, coordinate: str) -> list[Chart]:
-    """Draw a surface over elongation and over rate, and over both with the records' motion.
-
-    Parameters
-    ----------
-    measured
-        The surface.
-    coordinate
-        Unit of the elongation.
-    """
+    """Draw a surface over elongation and over rate, and over both with the records' motion."""
     return [_cuts(measured, coordinate), _coverage(measured, coordinate)]
 
 

@@ -27,10 +27,6 @@ def with_checked_values(record: Record, file: str, repeated: Repeated | None = N
         Whether rows that repeat the one before are left out, ``"drop"``, or are samples,
         ``"keep"``; None to find out.
 
-    Returns
-    -------
-    The record with notes.
-
     Raises
     ------
     RecordError

@@ -54,12 +54,6 @@ class TreeHead(NamedTuple):
 
 
 def tree_head(leaf: MerkleLeaf, t_ns: int, signer: Signer) -> TreeHead:
-    """Sign the end of a chain that a head of the server vouches for.
-
-    Parameters
-    ----------
-    t_ns
-        Time of that head.
-    """
+    """Sign the end of a chain that a head of the server vouches for."""
     unsigned = TreeHead(leaf.asset, leaf.length, leaf.tree, t_ns, signer.public, "")
     return unsigned._replace(signature=signer.sign(unsigned.said))

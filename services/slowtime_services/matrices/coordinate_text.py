@@ -76,10 +76,6 @@ def read_dense_text(path: Path) -> np.ndarray:
     path
         Text file.
 
-    Returns
-    -------
-    The matrix as it is in the file.
-
     Raises
     ------
     MatrixFileError

@@ -69,10 +69,6 @@ def map_of(places: Sequence[tuple[str, int]], where: Mapping[str, Sequence[float
         Node and direction, 0 to 5, of each row.
     where
         Position of each node [m].
-
-    Returns
-    -------
-    The map.
     """
     names = tuple(dict.fromkeys(node for node, _ in places))
     number = {name: k for k, name in enumerate(names)}

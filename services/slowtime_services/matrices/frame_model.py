@@ -39,10 +39,6 @@ def frame_of(section: FrameModel) -> Frame:
     section
         The section, whose numbers were checked.
 
-    Returns
-    -------
-    The frame.
-
     Raises
     ------
     MatrixFileError

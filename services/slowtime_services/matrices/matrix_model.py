@@ -109,10 +109,6 @@ def read_matrix_model(path: Path) -> MatrixModel:
     path
         YAML or JSON; other files are found beside it.
 
-    Returns
-    -------
-    The model.
-
     Raises
     ------
     MatrixFileError
@@ -141,10 +137,6 @@ def matrix_model_of(file: FiniteElementFile, folder: Path, name: str = "") -> Ma
         Where its paths begin.
     name
         Of the model, where its file has none.
-
-    Returns
-    -------
-    The model.
 
     Raises
     ------
@@ -287,8 +279,6 @@ def sensor_row(
 
     Parameters
     ----------
-    dofs
-        Map of the degrees of freedom.
     sensor
         Where it is, and what it measures.
     folder

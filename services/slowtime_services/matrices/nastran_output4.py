@@ -66,10 +66,6 @@ def read_output4(path: Path, name: str | None = None) -> sparse.csr_array:
     name
         Of the matrix; needed where the file has several.
 
-    Returns
-    -------
-    The matrix as it is in the file.
-
     Raises
     ------
     MatrixFileError

@@ -89,8 +89,6 @@ def describe_reduced(
 
     Parameters
     ----------
-    model
-        The model.
     settings
         Of the reduction; the number of modes comes from the band where there is one.
     band_hz

@@ -30,8 +30,6 @@ def write_reduced(path: Path, model: AdaptiveModel) -> None:
     ----------
     path
         File that ends in .npz.
-    model
-        The model.
     """
     if path.suffix.lower() != ".npz":
         raise MatrixFileError(f"{path.name} does not end in .npz. Give a name that does.")

@@ -240,8 +240,6 @@ def write_matrix(path: Path, matrix: sparse.csr_array, name: str = "matrix") -> 
     ----------
     path
         File that ends in .mtx, .npz, .mat, .h5 or .op4 (binary, sparse).
-    matrix
-        The matrix.
     name
         Of the variable, group or matrix, in MATLAB, HDF5 and OUTPUT4 files.
 

@@ -22,8 +22,6 @@ def geometry_of(model: MatrixModel, reduced: ReducedDescription) -> Geometry | N
 
     Parameters
     ----------
-    model
-        The full model.
     reduced
         What `describe_reduced` made of it.
 

@@ -69,11 +69,6 @@ class Wireframe:
     def motion_rows(self, dofs: DofMap) -> sparse.csr_array:
         """Rows that see the displacement of each node along x, y and z.
 
-        Parameters
-        ----------
-        dofs
-            Map of the degrees of freedom.
-
         Returns
         -------
         Three rows for each node, node by node, over the degrees of freedom [1]; zero where a
@@ -99,8 +94,6 @@ def wireframe_of(model: MatrixModel, most: int = MOST_NODES) -> Wireframe:
 
     Parameters
     ----------
-    model
-        The model.
     most
         Nodes that are drawn at most.
 

@@ -38,8 +38,6 @@ def average(mesh: Mesh, card: Fields) -> None:
     ----------
     mesh
         With all points.
-    card
-        The card.
 
     Raises
     ------
