@@ -158,10 +158,6 @@ class Buckets:
         ----------
         starts
             Index of the first bucket of each group, ascending from 0.
-
-        Returns
-        -------
-        One bucket for each group.
         """
         if not len(starts):
             return Buckets(self.head[:0], self.quantities[:0])

@@ -139,10 +139,6 @@ def estimate_objects(table: Sequence[Sequence[float]]) -> list[dict[str, float]]
     ----------
     table
         Rows of value, sd, lo and hi.
-
-    Returns
-    -------
-    An object for each row.
     """
     return [dict(zip(("value", "sd", "lo", "hi"), row, strict=True)) for row in table]
 

@@ -46,11 +46,6 @@ def shown(quantity: str) -> tuple[str, str, float]:
 def signed(number: float) -> str:
     """Write a number for a person: four digits, and a minus sign as the page has it.
 
-    Parameters
-    ----------
-    number
-        Any number.
-
     Returns
     -------
     The text.

@@ -167,8 +167,6 @@ class Knowledge(Protocol):
 
         Parameters
         ----------
-        twin_id
-            SITE.ASSET.
         horizon
             Slow time ahead; the default of the registration if None.
         count

@@ -11,11 +11,6 @@ _FLOAT = np.dtype("<f8")
 def pack(numbers: Float[np.ndarray, "..."]) -> str:
     """Encode an array of floats as text, without its shape.
 
-    Parameters
-    ----------
-    numbers
-        Array of any shape.
-
     Returns
     -------
     Base64 of its values in C order.

@@ -102,10 +102,6 @@ def slow_per_unit(costs: CostTable, pace: float | None) -> float:
     pace
         Seconds in one slow time; None if unknown.
 
-    Returns
-    -------
-    Slow times in one of the owner's units.
-
     Raises
     ------
     NotPlannableError

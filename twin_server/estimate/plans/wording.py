@@ -80,11 +80,6 @@ class TimeWording:
     def span(self, time: float) -> str:
         """Describe a span of time.
 
-        Parameters
-        ----------
-        time
-            Span, in the owner's unit.
-
         Returns
         -------
         The span with its unit.

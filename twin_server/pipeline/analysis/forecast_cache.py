@@ -225,8 +225,6 @@ class ForecastCache:
 
         Parameters
         ----------
-        twin_id
-            SITE.ASSET.
         horizon
             Slow time ahead; the default of the registration if None.
         count
@@ -307,8 +305,6 @@ class ForecastCache:
 
         Parameters
         ----------
-        twin_id
-            SITE.ASSET.
         since
             Slow time of a reading: the state that a forecast was told of then, if it is still
             kept.

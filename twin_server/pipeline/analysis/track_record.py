@@ -31,8 +31,6 @@ def record_answer(twin_id: str, verified: Scored | None, unit: str | None) -> di
 
     Parameters
     ----------
-    twin_id
-        SITE.ASSET.
     verified
         Kept outlooks and scores; None where there are none.
     unit

@@ -478,14 +478,8 @@ class Diagnoses:
 
         Parameters
         ----------
-        twin_id
-            SITE.ASSET.
         seconds
             Duration of the samples, up to now [s].
-
-        Returns
-        -------
-        Raw blocks of the edge.
 
         Raises
         ------

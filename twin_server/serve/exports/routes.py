@@ -141,8 +141,6 @@ def graph_routes(
         Gives the twins of a site, or of all, of those that a caller may see.
     of_twin
         Gives one twin.
-    known
-        Gives the registration of the twin in the path, or raises.
     composite_service
         Gives the composites that a caller may see; None for none.
     """

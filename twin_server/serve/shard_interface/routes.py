@@ -53,8 +53,6 @@ def create_shard_interface(
         What is known of the twins of this shard.
     composites
         Of the whole fleet, where this is the shard that keeps them.
-    queue
-        Where it is waited for what takes long.
     """
     app = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
     problems.install(app)
