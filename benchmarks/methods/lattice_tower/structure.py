@@ -205,11 +205,6 @@ def corner_place(layout: TowerLayout, level: int, corner: int) -> Float[np.ndarr
 def assemble_tower(tower: Tower) -> SparseMatrices:
     """Make the matrices by pyfe3d.
 
-    Parameters
-    ----------
-    tower
-        The tower.
-
     Returns
     -------
     Stiffness, mass and the stiffness of each group.
@@ -327,10 +322,6 @@ def export_tower(
         Relative changes of the stiffness of groups [1], for a structure other than the file.
     ending
         Of the matrices: `.mtx` (Matrix Market, text) or `.npz` (SciPy).
-
-    Returns
-    -------
-    The model file.
     """
     tower = draw_tower(layout)
     made = assemble_tower(tower)
