@@ -65,10 +65,6 @@ def never_items(
         Costs, of which the discount rate and the items of a failure count.
     after_failure
         V after a failure at each time.
-
-    Returns
-    -------
-    Items.
     """
     weight = discount(time, costs.discount_rate)[:, None]
     failing = np.diff(failure_cdf, axis=-1, prepend=0.0)[..., None]

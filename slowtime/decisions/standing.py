@@ -86,18 +86,12 @@ def standing_policies(
     ----------
     starts
         Futures from now, of a new asset, and of one repaired from a damage of 1.
-    costs
-        Costs of all items.
     error
         Of the estimate by which thresholds act.
     window
         Steps within which a failure counts for the threshold on P_f.
     inspection_sd
         Error of an inspection [1]; None where none can be ordered.
-
-    Returns
-    -------
-    The best policy of each kind.
     """
     count = len(starts.now.time)
     steps = sorted({max(1, round(k * (count - 1) / PARTS)) for k in range(1, PARTS + 1)})

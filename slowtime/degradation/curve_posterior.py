@@ -237,8 +237,6 @@ class CurvePosterior:
             Slow times, ascending; the first is that of the last reading.
         count
             Number of paths.
-        rng
-            Generator of the draws.
 
         Returns
         -------

@@ -100,10 +100,6 @@ def point_of_rate(rate: float) -> float:
     ----------
     rate
         Rate over the history [1].
-
-    Returns
-    -------
-    Shape parameter.
     """
     return rate / _RATE
 
@@ -277,10 +273,6 @@ def points_of_periods(periods: np.ndarray) -> np.ndarray:
     ----------
     periods
         Periods from age 0 to 1.
-
-    Returns
-    -------
-    Shape parameters.
     """
     return np.asarray(np.log(periods / _PERIODS) / _PERIODS_WIDTH)
 

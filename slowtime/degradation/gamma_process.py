@@ -140,8 +140,6 @@ class GammaPosterior:
             Slow times, ascending; the first is that of the last reading.
         count
             Number of paths.
-        rng
-            Generator of the draws.
 
         Returns
         -------

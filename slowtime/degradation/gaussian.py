@@ -98,8 +98,6 @@ class GaussianPosterior:
             Slow times, ascending; the first is that of the last reading.
         count
             Number of paths.
-        rng
-            Generator of the draws.
 
         Returns
         -------

@@ -212,8 +212,6 @@ class WienerPosterior:
             Slow times, ascending; the first is that of the last reading.
         count
             Number of paths.
-        rng
-            Generator of the draws.
 
         Returns
         -------

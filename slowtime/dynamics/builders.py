@@ -281,13 +281,6 @@ only."""
 def accelerometer(node: str, *, unit: str = "m/s^2") -> Sensor:
     """Put an absolute accelerometer on a node, its channel called ``a_`` and the node.
 
-    Parameters
-    ----------
-    node
-        Name of the node.
-    unit
-        Unit of the channel.
-
     Returns
     -------
     Sensor.

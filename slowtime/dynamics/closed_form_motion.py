@@ -31,8 +31,6 @@ def free_motion(
 
     Parameters
     ----------
-    structure
-        Structure with its matrices.
     times
         Since the release, not negative [s].
     displacement, velocity

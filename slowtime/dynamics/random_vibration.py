@@ -52,10 +52,6 @@ def low_pass(corner_hz: float) -> Shaping:
     ----------
     corner_hz
         Corner frequency :math:`f_c` [Hz].
-
-    Returns
-    -------
-    Filter.
     """
     corner = 2 * math.pi * corner_hz
     return Shaping(np.array([[-corner]]), np.array([corner]), np.array([1.0]))

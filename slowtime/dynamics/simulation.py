@@ -39,8 +39,6 @@ def simulate_structure(
 
     Parameters
     ----------
-    structure
-        Structure with its matrices.
     force
         One row a sample [N]; of base motion, `Structure.base_force`.
     rate_hz
@@ -104,8 +102,6 @@ def ambient_structure(
 
     Parameters
     ----------
-    structure
-        Structure with its matrices.
     samples, rate_hz
         Length and rate of the record.
     rng

@@ -78,8 +78,6 @@ def laplace_response(
 
     Parameters
     ----------
-    structure
-        Structure with its matrices.
     s
         Laplace variable [1/s].
     force
@@ -101,11 +99,6 @@ def laplace_response(
 
 def derivative_order(quantity: str) -> int:
     """Count the time derivatives from displacement to a quantity.
-
-    Parameters
-    ----------
-    quantity
-        Displacement, velocity or acceleration.
 
     Returns
     -------

@@ -53,10 +53,6 @@ def unit_of_parameter(unit: str, coordinate: UnitOfCoordinate = "m") -> str:
     coordinate
         Unit of the coordinate.
 
-    Returns
-    -------
-    Unit.
-
     Examples
     --------
     >>> unit_of_parameter("N s^2/m^2", "rad"), unit_of_parameter("m/s", "rad")
@@ -78,8 +74,6 @@ def unit_factor(unit: str, quantity: Quantity, coordinate: UnitOfCoordinate = "m
 
     Parameters
     ----------
-    unit
-        Unit.
     quantity
         Displacement, velocity or acceleration.
     coordinate

@@ -133,8 +133,6 @@ def filtered(
 
     Parameters
     ----------
-    process
-        Process, or family of processes.
     time, value, sd, jumps
         Series.
     belief
@@ -176,19 +174,7 @@ def log_likelihood(
     *,
     jumps: Sequence[Jump] = (),
 ) -> Float[np.ndarray, "*family"]:
-    """Log-likelihood of the series, one entry per member of a family of processes.
-
-    Parameters
-    ----------
-    process
-        Process, or family of processes.
-    time, value, sd, jumps
-        Series.
-
-    Returns
-    -------
-    Log-likelihoods.
-    """
+    """Log-likelihood of the series, one entry per member of a family of processes."""
     return filtered(process, time, value, sd, jumps=jumps).log_likelihood
 
 

@@ -145,15 +145,6 @@ def root_of(
 ) -> Float[np.ndarray, "*twins row row"]:
     """Lower triangular root of a covariance, which may be singular.
 
-    Parameters
-    ----------
-    covariance
-        Covariance.
-
-    Returns
-    -------
-    Root.
-
     Raises
     ------
     ValueError

@@ -199,10 +199,6 @@ def weak_prior(
     straight
         Whether the mean may have a slope.
 
-    Returns
-    -------
-    The prior and the process.
-
     Raises
     ------
     ValueError

@@ -81,32 +81,13 @@ class Readings:
 
 
 def flags(condition: Bool[np.ndarray, " time"], reason: Reason) -> UInt32[np.ndarray, " time"]:
-    """Bit flag of a reason where a condition holds, 0 elsewhere.
-
-    Parameters
-    ----------
-    condition
-        One entry per reading.
-    reason
-        Reason.
-
-    Returns
-    -------
-    Flags.
-    """
+    """Bit flag of a reason where a condition holds, 0 elsewhere."""
     flagged: UInt32[np.ndarray, " time"] = np.multiply(condition, int(reason), dtype=np.uint32)
     return flagged
 
 
 def at_least(values: PerReading, least: float) -> bool:
     """Whether all values are at least `least`; NaN is not.
-
-    Parameters
-    ----------
-    values
-        Values.
-    least
-        Limit.
 
     Returns
     -------
@@ -143,10 +124,6 @@ def check_level(level: float) -> float:
     ----------
     level
         Probability of the interval.
-
-    Returns
-    -------
-    Quantile.
     """
     if not 0.0 < level < 1.0:
         raise ValueError(

@@ -89,10 +89,6 @@ class SNCurve:
         characteristic
             Whether to keep the curve of 95 % survival; otherwise the median, which is
             ``10**(1.645 log10_sd)`` times as long.
-
-        Returns
-        -------
-        The curve, in MPa.
         """
         _positive("category", category)
         shift = 1.0 if characteristic else 10 ** (EN_CHARACTERISTIC_SD * log10_sd)

@@ -194,8 +194,6 @@ def share_below(
     ----------
     samples
         Samples; a straight line is taken out of each channel.
-    rate_hz
-        Sampling rate [Hz].
     low_hz
         The frequency [Hz].
 

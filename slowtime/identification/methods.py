@@ -39,8 +39,6 @@ def by_method(
     ----------
     samples
         Samples of all channels.
-    rate_hz
-        Sampling rate [Hz].
     method
         `modes`: subspaces and likelihood, `identify_modes`. `bayes`: the candidates of these by
         the fast Bayesian FFT; a mode that contradicts its candidate is replaced by it, with the

@@ -145,18 +145,12 @@ def sampled(
         Its coefficient of variation [1].
     calls
         Number of evaluations of the limit state.
-    stopping
-        Targets of the sampling.
     design_points
         Design points found, if any.
     warnings
         Warnings to the user.
     freedom
         Degrees of freedom of the variance, where few independent runs told it.
-
-    Returns
-    -------
-    The result.
     """
     if probability <= 0.0 or not math.isfinite(variation):
         said = "No sampled point failed. Allow more calls, or use subset simulation."
@@ -209,9 +203,5 @@ def approximated(
         Warnings to the user.
     bounds
         Lower and upper bound of the probability [1], if the method has some.
-
-    Returns
-    -------
-    The result.
     """
     return Result(method, probability, None, why, None, calls, design_points, warnings, bounds)

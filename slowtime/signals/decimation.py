@@ -91,8 +91,6 @@ def moved_down(
     ----------
     series
         Equally spaced, any unit.
-    rate_hz
-        Samples per second [Hz].
     centre_hz, half_width_hz
         :math:`f_c` and w [Hz]; what is beyond 1.5 w is gone.
 

@@ -109,11 +109,6 @@ def _autocovariance(
 def runs_missing(present: Bool[np.ndarray, " time"]) -> list[tuple[int, int]]:
     """First and after-last row of each run of missing samples.
 
-    Parameters
-    ----------
-    present
-        Which rows were measured.
-
     Returns
     -------
     Runs, ascending.

@@ -43,8 +43,6 @@ def find_hum(samples: Float[np.ndarray, " time"], rate_hz: float) -> Hum | None:
     ----------
     samples
         Finite, in any unit.
-    rate_hz
-        Sampling rate [Hz].
 
     Returns
     -------

@@ -65,10 +65,6 @@ def at_rest(sections: Sections) -> Float[np.ndarray, "section 2"]:
     ----------
     sections
         Second-order sections.
-
-    Returns
-    -------
-    State of each section.
     """
     states, level = [], 1.0
     for b0, b1, b2, _, a1, a2 in sections.tolist():

@@ -125,11 +125,6 @@ def median_penalty(count: int) -> float:
     an EWMA averages a little better than it would their means, so that the standard deviation
     of the two stages together is up to 6 % on the safe side.
 
-    Parameters
-    ----------
-    count
-        Number of readings.
-
     Returns
     -------
     Ratio [1].

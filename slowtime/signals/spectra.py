@@ -86,8 +86,6 @@ def transform(
     ----------
     samples
         One column per channel, detrended by the caller if need be.
-    rate_hz
-        Samples per second [Hz].
     taper
         ``boxcar`` or ``hann``: the window :math:`h_n`.
 
@@ -135,8 +133,6 @@ def periodogram(
     ----------
     samples
         Samples, channels in columns.
-    rate_hz
-        Sampling rate [Hz].
     taper
         Window.
 
@@ -196,8 +192,6 @@ def welch(
     ----------
     samples
         Samples, channels in columns.
-    rate_hz
-        Sampling rate [Hz].
     segment_s
         Length of a segment [s].
 

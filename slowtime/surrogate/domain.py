@@ -71,10 +71,6 @@ def domain(x: Float[np.ndarray, "sample input"]) -> Domain:
     ----------
     x
         Points of the design, each input in its own unit.
-
-    Returns
-    -------
-    The domain.
     """
     count, inputs = x.shape
     lo, hi = x.min(axis=0), x.max(axis=0)

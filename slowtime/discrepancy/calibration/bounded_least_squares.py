@@ -30,10 +30,6 @@ def solve_within(
     low, high
         Bounds; infinite where there are none.
 
-    Returns
-    -------
-    The solution.
-
     Raises
     ------
     numpy.linalg.LinAlgError

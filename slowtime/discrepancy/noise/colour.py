@@ -161,11 +161,6 @@ def with_drift(noise: Noise, drift: Drift, rate_hz: float) -> Noise:
 
     What a drifting sensor leaves at low frequency is drift and no colour of its noise, which is
     taken to be white at the level of the highest line. Other sensors keep their colour.
-
-    Parameters
-    ----------
-    rate_hz
-        Sampling rate [Hz].
     """
     top = np.array([rate_hz / 2])
     loose = [bool(row.any()) for row in drift.shapes]

@@ -42,8 +42,6 @@ def incoherent_power(
         Residual (time, sensor) in the sensors' units; zero where a sample is not used.
     inputs
         Inputs (time, input); constant ones are left out.
-    rate_hz
-        Sampling rate [Hz].
     used
         Mask of the samples that are used (time, sensor).
 

@@ -38,8 +38,6 @@ def law_shares(
 
     Parameters
     ----------
-    effects
-        All effects.
     channels
         Number of each effect with a law, and its channel of force.
     count

@@ -57,11 +57,6 @@ class CommunicationPoint:
 def check_co_simulation(plant: Plant) -> None:
     """Refuse a plant that cannot be advanced without knowledge of later inputs.
 
-    Parameters
-    ----------
-    plant
-        Plant with hold ``"zero"``.
-
     Raises
     ------
     ValueError
@@ -148,8 +143,6 @@ def starting_instant(plant: Plant, state: State | None, time_s: float) -> Commun
 
     Parameters
     ----------
-    plant
-        Plant with hold ``"zero"``.
     state
         In the order of `Plant.state_names`, in SI units; at rest where None.
     time_s
@@ -170,8 +163,6 @@ def outputs_at(
 
     Parameters
     ----------
-    plant
-        Plant with hold ``"zero"``.
     values
         Values of all parameters, in their order.
     now
@@ -203,8 +194,6 @@ def advanced(
 
     Parameters
     ----------
-    plant
-        Plant with hold ``"zero"``.
     values
         Values of all parameters, in their order.
     now
@@ -271,11 +260,6 @@ def _set_sticking(plant: Plant, state: State, still: float) -> None:
 
 def adjustable(plant: Plant) -> tuple[Name, ...]:
     """Return the names of the parameters that may change between steps.
-
-    Parameters
-    ----------
-    plant
-        The plant.
 
     Returns
     -------

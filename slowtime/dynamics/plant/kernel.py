@@ -13,6 +13,15 @@ force of one effect, or the rate of one of its internal states.
 
 All of it is in one file: the compiler caches code by file, and would not notice a change in
 another.
+
+Several functions share these parameters:
+
+- `store`: addresses and shapes of all arrays of a run; see `memory_table`.
+- `t`: time [s].
+- `coefficients`: polynomials of the inputs over the sample interval [input, power].
+- `s`: share of the sample interval that has passed [1].
+- `h`: length of the step [s].
+- `level`: how often the sample interval is halved.
 """
 
 import math
@@ -308,13 +317,6 @@ def opaque(number: int) -> int:
 def address(matrix: Reals, row: int, column: int) -> int:
     """Memory address of an entry of a matrix.
 
-    Parameters
-    ----------
-    matrix
-        Matrix, stored row by row.
-    row, column
-        Indices of the entry.
-
     Returns
     -------
     Address [bytes].
@@ -328,8 +330,6 @@ def linear_slopes(store: Whole, shares: Reals, slopes: Reals) -> None:
 
     Parameters
     ----------
-    store
-        Addresses and shapes of all arrays of a run; see `memory_table`.
     shares
         Factor of each column of the matrix [column].
     slopes
@@ -361,8 +361,6 @@ def propagate_slopes(
 
     Parameters
     ----------
-    store
-        Addresses and shapes of all arrays of a run; see `memory_table`.
     matrix
         The matrix [row, column]; its first columns belong to the state.
     linear
@@ -407,8 +405,6 @@ def solve(store: Whole, matrix: Reals, right: Reals, size: int) -> None:
 
     Parameters
     ----------
-    store
-        Addresses and shapes of all arrays of a run; see `memory_table`.
     matrix
         Matrix [row, column]; overwritten.
     right
@@ -459,8 +455,6 @@ def law_value(law: int, row: Whole, mode: float, w: Reals, t: float, p: Reals) -
         Mode of friction: 1 or -1 where it slides, 0 where it sticks.
     w
         Observations of the state that laws see [observation].
-    t
-        Time [s].
     p
         Parameters of all laws [parameter].
 
@@ -483,14 +477,10 @@ def law_values(store: Whole, modes: Reals, w: Reals, t: float, y: Reals, first: 
 
     Parameters
     ----------
-    store
-        Addresses and shapes of all arrays of a run; see `memory_table`.
     modes
         Mode of each effect [effect].
     w
         Observations of the state that laws see [observation].
-    t
-        Time [s].
     y
         Column that takes the channels [row, 1]; written.
     first
@@ -510,12 +500,8 @@ def law_slopes(store: Whole, w: Reals, t: float, point: int, every: bool) -> Non
 
     Parameters
     ----------
-    store
-        Addresses and shapes of all arrays of a run; see `memory_table`.
     w
         Observations of the state that laws see [observation].
-    t
-        Time [s].
     point
         Index of the Radau point whose slopes are written.
     every
@@ -563,8 +549,6 @@ def apply_chain_rule(
 
     Parameters
     ----------
-    store
-        Addresses and shapes of all arrays of a run; see `memory_table`.
     point
         Index of the Radau point.
     slope_w
@@ -604,8 +588,6 @@ def add_sticking_forces(store: Whole, rates: Reals, v: Reals, right: Reals) -> N
 
     Parameters
     ----------
-    store
-        Addresses and shapes of all arrays of a run; see `memory_table`.
     rates
         Rates of the state, or their slopes [state, side]; changed.
     v
@@ -654,8 +636,6 @@ def observe(store: Whole, x: Reals) -> None:
 
     Parameters
     ----------
-    store
-        Addresses and shapes of all arrays of a run; see `memory_table`.
     x
         State [state].
     """
@@ -676,16 +656,8 @@ def state_rate(store: Whole, x: Reals, t: float, coefficients: Reals, s: float) 
 
     Parameters
     ----------
-    store
-        Addresses and shapes of all arrays of a run; see `memory_table`.
     x
         State [state].
-    t
-        Time [s].
-    coefficients
-        Polynomials of the inputs over the sample interval [input, power].
-    s
-        Share of the sample interval that has passed [1].
     """
     table, laws = whole_grid(store, EFFECT_TABLE), whole_line(store, LAWS)
     matrix, modes = grid(store, RATE_COLUMNS), line(store, MODES)
@@ -718,8 +690,6 @@ def needed_rate_slopes(store: Whole, slope: Reals, found: Reals) -> None:
 
     Parameters
     ----------
-    store
-        Addresses and shapes of all arrays of a run; see `memory_table`.
     slope
         Slopes of the state [state, slope].
     found
@@ -755,16 +725,8 @@ def state_rate_slopes(
 
     Parameters
     ----------
-    store
-        Addresses and shapes of all arrays of a run; see `memory_table`.
     slope
         Slopes of the state [state, slope].
-    t
-        Time [s].
-    coefficients
-        Polynomials of the inputs over the sample interval [input, power].
-    s
-        Share of the sample interval that has passed [1].
     every
         Whether rates of all states are wanted, and not only those of `needed_rates`.
     """
@@ -817,19 +779,7 @@ def state_rate_slopes(
 
 @ROUTINES.define(NOTHING(STORE, REAL, GRID, REAL), rare=True)
 def choose_friction_modes(store: Whole, t: float, coefficients: Reals, s: float) -> None:
-    """Let friction whose mode is 0 slide where its limit is exceeded.
-
-    Parameters
-    ----------
-    store
-        Addresses and shapes of all arrays of a run; see `memory_table`.
-    t
-        Time [s].
-    coefficients
-        Polynomials of the inputs over the sample interval [input, power].
-    s
-        Share of the sample interval that has passed [1].
-    """
+    """Let friction whose mode is 0 slide where its limit is exceeded."""
     table, laws = whole_grid(store, EFFECT_TABLE), whole_line(store, LAWS)
     matrix, x = grid(store, RATE_MATRIX), line(store, STATE)
     modes, v = line(store, MODES), grid(store, COMBINED)
@@ -865,16 +815,6 @@ def runge_kutta_step(
 
     Parameters
     ----------
-    store
-        Addresses and shapes of all arrays of a run; see `memory_table`.
-    t
-        Time [s].
-    h
-        Length of the step [s].
-    coefficients
-        Polynomials of the inputs over the sample interval [input, power].
-    s
-        Share of the sample interval that has passed [1].
     width
         Length of the step over the sample interval [1].
     slopes
@@ -912,18 +852,10 @@ def event_distance(
 
     Parameters
     ----------
-    store
-        Addresses and shapes of all arrays of a run; see `memory_table`.
     i
         Index of the effect.
     x
         State [state].
-    t
-        Time [s].
-    coefficients
-        Polynomials of the inputs over the sample interval [input, power].
-    s
-        Share of the sample interval that has passed [1].
 
     Returns
     -------
@@ -956,14 +888,6 @@ def pass_event(
 
     Parameters
     ----------
-    store
-        Addresses and shapes of all arrays of a run; see `memory_table`.
-    t
-        Time [s].
-    coefficients
-        Polynomials of the inputs over the sample interval [input, power].
-    s
-        Share of the sample interval that has passed [1].
     which
         Index of the effect whose friction changes its mode; -1 for none.
     jump
@@ -1015,16 +939,6 @@ def step_through_events(
 
     Parameters
     ----------
-    store
-        Addresses and shapes of all arrays of a run; see `memory_table`.
-    t
-        Time [s].
-    h
-        Length of the step [s].
-    coefficients
-        Polynomials of the inputs over the sample interval [input, power].
-    s
-        Share of the sample interval that has passed [1].
     width
         Length of the step over the sample interval [1].
     """
@@ -1073,15 +987,7 @@ def step_through_events(
 
 @ROUTINES.define(NOTHING(STORE, WHOLE))
 def newton_inverse(store: Whole, level: int) -> None:
-    """Invert the Jacobian of (force - law) at the three points to the forces there.
-
-    Parameters
-    ----------
-    store
-        Addresses and shapes of all arrays of a run; see `memory_table`.
-    level
-        How often the sample interval is halved.
-    """
+    """Invert the Jacobian of (force - law) at the three points to the forces there."""
     table, laws = whole_grid(store, EFFECT_TABLE), whole_line(store, LAWS)
     big, x = cube(store, STEP_MATRICES)[level], line(store, STATE)
     modes, w = line(store, MODES), line(store, OBSERVED)
@@ -1118,14 +1024,6 @@ def collocation_step(store: Whole, level: int, t: float, h: float, tolerance: fl
 
     Parameters
     ----------
-    store
-        Addresses and shapes of all arrays of a run; see `memory_table`.
-    level
-        How often the sample interval is halved.
-    t
-        Time [s].
-    h
-        Length of the step [s].
     tolerance
         Error that counts as one, over the largest force so far [1].
 
@@ -1225,15 +1123,7 @@ def collocation_step(store: Whole, level: int, t: float, h: float, tolerance: fl
 
 @ROUTINES.define(NOTHING(STORE, WHOLE))
 def add_driven_inputs(store: Whole, level: int) -> None:
-    """Add the contribution of inputs that depend on parameters to the slopes of a step.
-
-    Parameters
-    ----------
-    store
-        Addresses and shapes of all arrays of a run; see `memory_table`.
-    level
-        How often the sample interval is halved.
-    """
+    """Add the contribution of inputs that depend on parameters to the slopes of a step."""
     driven, big = whole_grid(store, DRIVEN_INPUTS), cube(store, STEP_MATRICES)[level]
     part, slope_room = grid(store, PART_COEFFICIENTS), grid(store, STEP_RESULT_SLOPES)
     states, powers = len(line(store, STATE)), part.shape[1]
@@ -1247,19 +1137,7 @@ def add_driven_inputs(store: Whole, level: int) -> None:
 
 @ROUTINES.define(NOTHING(STORE, WHOLE, REAL, REAL))
 def accept_step(store: Whole, level: int, t: float, h: float) -> None:
-    """Take the step that `collocation_step` found: state and slopes.
-
-    Parameters
-    ----------
-    store
-        Addresses and shapes of all arrays of a run; see `memory_table`.
-    level
-        How often the sample interval is halved.
-    t
-        Time [s].
-    h
-        Length of the step [s].
-    """
+    """Take the step that `collocation_step` found: state and slopes."""
     table, laws = whole_grid(store, EFFECT_TABLE), whole_line(store, LAWS)
     driven, big = whole_grid(store, DRIVEN_INPUTS), cube(store, STEP_MATRICES)[level]
     slope_big, x = cube(store, STEP_MATRIX_SLOPES)[level], line(store, STATE)
@@ -1321,8 +1199,6 @@ def restrict_polynomials(coefficients: Reals, s: float, width: float, part: Real
 
     Parameters
     ----------
-    coefficients
-        Polynomials of the inputs over the sample interval [input, power].
     s
         Beginning of the part, over the sample interval [1].
     width

@@ -145,8 +145,6 @@ def ambient_acceleration(
 
     Parameters
     ----------
-    oscillator
-        Mass, damping and stiffness.
     samples, rate_hz
         Length and rate of the record.
     rng

@@ -3,6 +3,13 @@ r"""Compiled time stepping of springs with nonlinear laws, many motions at once.
 A row of `values` holds the stiffnesses of the springs, their dampings, the masses of the nodes,
 and the parameters of laws, in this order. A row of `laws` is (address, 0 on an element or 1 on
 a node, which one, first parameter in `values`).
+
+Several functions share these parameters:
+
+- `ends`: nodes that each element joins; -1 stands for the base.
+- `laws`: laws of force, as the module describes.
+- `values`: stiffnesses, dampings, masses and parameters of laws, in SI units.
+- `t`: campaign time [s].
 """
 
 from typing import Any
@@ -72,18 +79,10 @@ def accelerate(
 
     Parameters
     ----------
-    ends
-        Nodes that each element joins; -1 stands for the base.
-    laws
-        Laws of force, as the module describes.
-    values
-        Stiffnesses, dampings, masses and parameters of laws, in SI units.
     x
         Displacement of each node [m].
     v
         Velocity of each node [m/s].
-    t
-        Campaign time [s].
     force
         Force on each node [N].
     out
@@ -126,20 +125,12 @@ def runge_kutta(
 
     Parameters
     ----------
-    ends
-        Nodes that each element joins; -1 stands for the base.
-    laws
-        Laws of force, as the module describes.
-    values
-        Stiffnesses, dampings, masses and parameters of laws, in SI units.
     states
         Displacements [m], then velocities [m/s], of each row; changed.
     first
         Forces on the nodes at the beginning of the step [N].
     last
         Forces at its end [N].
-    t
-        Campaign time [s].
     h
         Length of the step [s].
     substeps
@@ -193,18 +184,10 @@ def bend(
 
     Parameters
     ----------
-    ends
-        Nodes that each element joins; -1 stands for the base.
-    laws
-        Laws of force, as the module describes.
-    values
-        Stiffnesses, dampings, masses and parameters of laws, in SI units.
     x
         Displacement of each node [m].
     v
         Velocity of each node [m/s].
-    t
-        Campaign time [s].
     b
         Noise of each node's velocity [m/s^(3/2)].
     h
@@ -257,20 +240,12 @@ def ito_taylor(
 
     Parameters
     ----------
-    ends
-        Nodes that each element joins; -1 stands for the base.
-    laws
-        Laws of force, as the module describes.
-    values
-        Stiffnesses, dampings, masses and parameters of laws, in SI units.
     states
         Displacements [m], then velocities [m/s], of each row; changed.
     first
         Forces on the nodes at the beginning of the step [N].
     last
         Forces at its end [N].
-    t
-        Campaign time [s].
     h
         Length of the step [s].
     added

@@ -86,8 +86,6 @@ def make_filters(
         Models with their latent forces.
     levels
         Covariance of latent forces and noises.
-    rate_hz
-        Sampling rate [Hz].
 
     Returns
     -------

@@ -101,8 +101,6 @@ class Latent:
 
         Parameters
         ----------
-        rate_hz
-            Sampling rate [Hz].
         covariances
             Of the slow and of the fast latent forces.
 
@@ -146,8 +144,6 @@ def latent_model(
         Sensors and inputs of the description that are listened to, in order.
     outputs
         Quantities to estimate.
-    rate_hz
-        Sampling rate [Hz].
     settings
         Settings of the virtual sensor.
     lowest_hz
@@ -156,10 +152,6 @@ def latent_model(
         How many are kept, the lowest.
     moving_base
         Whether the base moves; absolute accelerations hold its motion.
-
-    Returns
-    -------
-    The model.
 
     Raises
     ------
@@ -268,8 +260,6 @@ def modes_kept(description: Description, rate_hz: float, settings: VirtualSettin
     ----------
     description
         Structure.
-    rate_hz
-        Sampling rate [Hz].
     settings
         Settings, with the largest number of modes.
 

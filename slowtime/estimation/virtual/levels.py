@@ -202,16 +202,10 @@ def fit_levels(
         Number of bins of each group.
     noise_sd
         Of each channel; NaN to fit it.
-    rate_hz
-        Sampling rate [Hz].
     iterations
         Number of steps.
     start
         Levels of the window before.
-
-    Returns
-    -------
-    Covariances of forces, and variances of noises.
     """
     channels, count = spectra.shape[-1], given.shape[-1]
     power = np.einsum("fii->fi", spectra).real

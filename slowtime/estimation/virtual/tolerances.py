@@ -35,10 +35,6 @@ def members_of(description: Description, count: int) -> tuple[Description, ...]:
         Structure, with the tolerances of its parameters.
     count
         Runs: a power of 2. Where there are as many parameters or more, columns are shared.
-
-    Returns
-    -------
-    The models.
     """
     tolerance = description.tolerance or Tolerance()
     if count == 1 or not (tolerance.stiffness or tolerance.damping or tolerance.mass):

@@ -43,15 +43,6 @@ class CovariateInnovation:
 def initial_belief(count: int, wander: ResidualProcess, time: float) -> CovariateBelief:
     """Belief before any reading.
 
-    Parameters
-    ----------
-    count
-        Number of coefficients.
-    wander
-        Residual process.
-    time
-        Slow time.
-
     Returns
     -------
     Prior mean and covariance.
@@ -95,20 +86,12 @@ def innovation(
 
     Parameters
     ----------
-    belief
-        Predicted belief.
-    wander
-        Residual process.
     value
         Reading.
     sd
         Standard deviation of the reading.
     features
         Basis functions at the reading's covariates.
-
-    Returns
-    -------
-    Innovation.
     """
     seen = np.append(features, 1.0)
     shared = belief.covariance @ seen

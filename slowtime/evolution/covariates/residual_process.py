@@ -51,8 +51,6 @@ def log_evidence(
 
     Parameters
     ----------
-    wander
-        Residual process.
     time
         Times of the readings [slow time].
     value

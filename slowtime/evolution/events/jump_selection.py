@@ -71,11 +71,6 @@ class ScoredHistory:
 
         Odds of `JUMP_ODDS`, where a jump is as likely beforehand as so many among all readings.
 
-        Parameters
-        ----------
-        jumps
-            Number of jumps.
-
         Returns
         -------
         Least gain.
@@ -176,10 +171,6 @@ def log_prior_odds(count: int, jumps: int) -> float:
         Number of readings.
     jumps
         Number of jumps.
-
-    Returns
-    -------
-    Log-odds.
     """
     if not jumps:
         return 0.0

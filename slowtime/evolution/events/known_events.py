@@ -69,14 +69,8 @@ class Repair:
 
         Parameters
         ----------
-        process
-            Process of the quantity.
         belief
             Belief just before it.
-
-        Returns
-        -------
-        Belief.
         """
         mean, covariance = belief.mean.copy(), belief.covariance
         seen = _observation_row(process, belief)
@@ -116,14 +110,8 @@ class Replacement:
 
         Parameters
         ----------
-        process
-            Process of the quantity.
         belief
             Belief just before the replacement.
-
-        Returns
-        -------
-        Belief.
         """
         begun = process.start(belief.time)
         mean = np.broadcast_to(begun.mean, belief.mean.shape).copy()
@@ -161,14 +149,8 @@ class Measurement:
 
         Parameters
         ----------
-        process
-            Process of the quantity.
         belief
             Belief just before it.
-
-        Returns
-        -------
-        Belief.
         """
         seen = _observation_row(process, belief)
         mean, variance = _value(belief, seen)
@@ -257,14 +239,8 @@ class Detection:
 
         Parameters
         ----------
-        process
-            Process of the quantity.
         belief
             Belief just before it.
-
-        Returns
-        -------
-        Belief.
         """
         seen = _observation_row(process, belief)
         mean, variance = _value(belief, seen)
@@ -290,11 +266,6 @@ KnownEvent: TypeAlias = Repair | Replacement | Measurement | Detection
 def is_jump(event: KnownEvent) -> bool:
     """Whether an event may change the quantity itself.
 
-    Parameters
-    ----------
-    event
-        Reported event.
-
     Returns
     -------
     True for repairs and replacements.
@@ -313,10 +284,6 @@ def apply_event(process: StateSpace, belief: Belief, event: KnownEvent) -> Belie
         Of a time no later than that of the event.
     event
         Event, with its time and effect.
-
-    Returns
-    -------
-    Belief just after the event.
     """
     apart = event.time - belief.time
     if apart > 0.0:

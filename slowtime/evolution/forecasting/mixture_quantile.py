@@ -28,10 +28,6 @@ def mixture_quantile(
     spreads
         Standard deviations, member by time.
 
-    Returns
-    -------
-    Quantile at each time.
-
     Examples
     --------
     >>> mixture_quantile(0.975, np.ones(1), np.zeros((1, 1)), np.ones((1, 1))).round(4)

@@ -132,10 +132,6 @@ def member(process: SlowProcess | Sum, number: int) -> SlowProcess | Process:
         Family of processes.
     number
         Index of the member.
-
-    Returns
-    -------
-    Process.
     """
     if isinstance(process, Sum):
         return process.member(number)

@@ -146,10 +146,6 @@ def log_sought(time: Usable, period: float) -> float:
         Times of the readings [slow time].
     period
         Found period [slow time].
-
-    Returns
-    -------
-    Log-ratio.
     """
     rounds, found = rounds_of(time), float(np.ptp(time)) / period
     before = 1.0 / (found * np.log(rounds[-1] / rounds[0])) if len(rounds) > 1 else np.inf
@@ -239,8 +235,6 @@ def trial(period: float, base: SlowProcess, smooth: np.ndarray, span: float) -> 
     ----------
     period
         Found period [slow time].
-    base
-        Process without a wave.
     smooth
         Parameters without a wave.
     span

@@ -204,8 +204,6 @@ def learn_teeth(
     ----------
     readings, told
         Slow times, values and standard deviations; jumps that are taken for given.
-    base
-        Process without a wave.
     wave_prior
         Of the parameters of a wave without teeth.
     where

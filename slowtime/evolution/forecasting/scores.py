@@ -19,8 +19,6 @@ def crps(truth: Values, mean: Values, sd: Values) -> Values:
     ----------
     truth
         True values.
-    mean
-        Means.
     sd
         Standard deviations; where one is 0, the score is the absolute error.
 
@@ -42,13 +40,6 @@ def crps(truth: Values, mean: Values, sd: Values) -> Values:
 
 def covered(truth: Values, lo: Values, hi: Values) -> Bool[np.ndarray, "*any"]:
     """Whether each truth lies within its interval.
-
-    Parameters
-    ----------
-    truth
-        True values.
-    lo, hi
-        Limits of the intervals.
 
     Returns
     -------

@@ -191,10 +191,6 @@ def from_failure_times(
         Slow time of the first crossing of each path; infinite where not by the horizon.
     threshold, now, horizon, shares, weights
         As for `RemainingLife`.
-
-    Returns
-    -------
-    The distribution.
     """
     count = len(failure_time)
     at = np.sort(failure_time[np.isfinite(failure_time)])

@@ -157,10 +157,6 @@ def draw_futures_at(
         Number of paths.
     seed
         Seed of the draws.
-
-    Returns
-    -------
-    Sample paths.
     """
     points = len(later) - 1
     kinds = list(begun.kinds())

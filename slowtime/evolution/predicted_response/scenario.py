@@ -57,13 +57,6 @@ class ParameterBelief:
     ) -> Float[np.ndarray, "draw parameter"]:
         """Draw logarithms of the parameter factors.
 
-        Parameters
-        ----------
-        count
-            Number of draws.
-        rng
-            Generator of the draws.
-
         Returns
         -------
         One row per draw.
@@ -73,19 +66,7 @@ class ParameterBelief:
         return np.asarray(self.theta + rng.standard_normal((count, len(self.theta))) @ root.T)
 
     def draw(self, count: int, rng: np.random.Generator) -> Iterator[Structure]:
-        """Draw structures.
-
-        Parameters
-        ----------
-        count
-            Number of draws.
-        rng
-            Generator of the draws.
-
-        Returns
-        -------
-        Structures.
-        """
+        """Draw structures."""
         for theta, zeta in self.draw_modal(count, rng):
             yield self.structure_at(theta, zeta)
 
@@ -98,8 +79,6 @@ class ParameterBelief:
         ----------
         count
             Number of draws.
-        rng
-            Generator of the draws.
 
         Returns
         -------

@@ -9,6 +9,10 @@ Both priors rank the changes by :math:`|r - \hat r|`, so the interval of highest
 the variable in which the prior is flat) is :math:`[c - t, c + t]` cut at the bounds, with
 :math:`c` the allowed ratio nearest to the reading. Unlike an equal-tailed interval it holds a
 change that sits on the bound, such as the zero of an intact structure.
+
+Several functions share these parameters:
+
+- `ratio`: damped frequency over the nominal natural frequency [1].
 """
 
 import dataclasses
@@ -58,11 +62,6 @@ class Scale(Protocol):
     def steepness(self, ratio: np.ndarray) -> np.ndarray:
         """Absolute derivative of the change to the frequency ratio.
 
-        Parameters
-        ----------
-        ratio
-            Damped frequency over the nominal natural frequency [1].
-
         Returns
         -------
         Absolute derivative [1], of the shape of `ratio`.
@@ -105,11 +104,6 @@ class StiffnessScale:
 
     def steepness(self, ratio: np.ndarray) -> np.ndarray:
         """Absolute derivative of the change to the frequency ratio.
-
-        Parameters
-        ----------
-        ratio
-            Damped frequency over the nominal natural frequency [1].
 
         Returns
         -------
@@ -169,11 +163,6 @@ class MassScale:
     def steepness(self, ratio: np.ndarray) -> np.ndarray:
         """Absolute derivative of the change to the frequency ratio.
 
-        Parameters
-        ----------
-        ratio
-            Damped frequency over the nominal natural frequency [1].
-
         Returns
         -------
         Absolute derivative [1], of the shape of `ratio`.
@@ -190,11 +179,6 @@ class MassScale:
         :math:`q = 2 r^2 \mu - 1 = \sqrt{1 - 4 r^2 \zeta_0^2}`:
         :math:`\mu' = -2 r \mu^2 / q` and
         :math:`\mu'' = -2 \mu^2/q + 8 r^2 \mu^3/q^2 - 8 r^2 \mu^2 \zeta_0^2/q^3`.
-
-        Parameters
-        ----------
-        ratio
-            Damped frequency over the nominal natural frequency [1].
 
         Returns
         -------

@@ -205,10 +205,6 @@ def optimise_from(
         Prior standard deviation of each parameter [1]; 0 for one that stays nominal.
     start
         Parameters to start from, as logarithms of factors [1].
-
-    Returns
-    -------
-    The optimum.
     """
     whitening = np.where(prior_sd > 0.0, prior_sd, 1.0)
     point = np.where(prior_sd > 0.0, start / whitening, 0.0)

@@ -131,8 +131,6 @@ def fit_ambient(
     ----------
     columns
         Samples of all channels, in any unit.
-    rate_hz
-        Sampling rate [Hz].
     candidate
         Detected peak, with the band that belongs to it [Hz].
     derivatives
@@ -155,8 +153,6 @@ def fit_ambient_steady(
     ----------
     columns
         Samples of all channels, in any unit.
-    rate_hz
-        Sampling rate [Hz].
     candidate
         Detected peak, with the band that belongs to it [Hz].
 

@@ -83,8 +83,6 @@ def expected_resonances(
         Natural frequency of each case [Hz].
     damping_ratio
         Damping ratio of each case [1].
-    rate_hz
-        Sampling rate [Hz].
     count
         Number of samples of the record.
     derivatives

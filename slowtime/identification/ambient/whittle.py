@@ -259,19 +259,7 @@ def _learnt(here: _Point, there: _Point, step: np.ndarray, beyond: np.ndarray) -
 def whittle_log_likelihood(
     data: Periodogram, expected: Float[np.ndarray, " frequency"]
 ) -> float:
-    """Whittle log-likelihood, up to a constant.
-
-    Parameters
-    ----------
-    data
-        Ordinates.
-    expected
-        Expected density of each.
-
-    Returns
-    -------
-    Log-likelihood.
-    """
+    """Whittle log-likelihood, up to a constant."""
     return float(-np.sum(data.number * (np.log(expected) + data.density / expected)))
 
 
@@ -282,10 +270,6 @@ def smooth_log_likelihood(data: Periodogram) -> float:
     ----------
     data
         Ordinates.
-
-    Returns
-    -------
-    Log-likelihood.
     """
     logarithm = np.log(data.frequency_hz / data.frequency_hz.mean())
     rows = np.stack([np.ones_like(logarithm), logarithm])

@@ -50,8 +50,6 @@ def edited(
 
     Parameters
     ----------
-    spectrum
-        Fourier coefficients of the record.
     automatic
         Modes of the automatic choice.
     others

@@ -89,8 +89,6 @@ def identify_modes(
     samples
         Equally spaced; accelerations, velocities, displacements or strains, each channel in
         any unit. Channels that do not move are left out.
-    rate_hz
-        Samples per second [Hz].
     band_hz
         Of the modes that are reported [Hz]; by default from 20 cycles in the record to nearly
         half the rate.
@@ -199,8 +197,6 @@ def modelled_band(
     ----------
     band_hz
         Of the modes that are reported [Hz], or None.
-    rate_hz
-        Sampling rate [Hz].
     count
         Number of samples.
 

@@ -76,10 +76,6 @@ def join_stabilisation(
         Indices of the stable poles of each mode.
     places
         Band of each mode.
-
-    Returns
-    -------
-    One stabilisation diagram.
     """
     sd = [p.standard_deviations() for p in poles]
     count = sum(len(p.order) for p in poles)
@@ -108,8 +104,6 @@ def singular_values(
         Fourier coefficients, frequency by channel.
     count
         Number of samples.
-    rate_hz
-        Sampling rate [Hz].
 
     Returns
     -------

@@ -34,8 +34,6 @@ def fit_record(
 
     Parameters
     ----------
-    record
-        Fourier coefficients of the record.
     candidates_hz
         Candidate frequencies [Hz].
     lines
@@ -78,8 +76,6 @@ def common_forces(
 
     Parameters
     ----------
-    record
-        Fourier coefficients of the record.
     picture
         All modes as known so far, and the coherence of their forces.
     lines

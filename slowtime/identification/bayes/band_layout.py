@@ -62,8 +62,6 @@ def band_problems(
 
     Parameters
     ----------
-    record
-        Fourier coefficients of the record.
     picture
         All modes as known so far, and the coherence of their forces.
     lines
@@ -128,8 +126,6 @@ def band_problem(
 
     Parameters
     ----------
-    record
-        Fourier coefficients of the record.
     picture
         All modes as known so far, and the coherence of their forces.
     group

@@ -170,10 +170,6 @@ def rough_fit(band: Band, start: BandModes) -> BandModes:
         Grouped Fourier coefficients of the band.
     start
         Initial modes.
-
-    Returns
-    -------
-    Modes.
     """
     vector, _ = _climb(band, parameter_vector(start), start, NEAR, most=ROUGH_STEPS)
     return modes_from_vector(vector, start)

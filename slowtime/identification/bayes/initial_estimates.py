@@ -63,8 +63,6 @@ def initial_estimate(
 
     Parameters
     ----------
-    record
-        Fourier coefficients of the record.
     frequency_hz
         Candidate frequency [Hz].
     low_hz, high_hz
@@ -109,8 +107,6 @@ def initial_estimates(
 
     Parameters
     ----------
-    record
-        Fourier coefficients of the record.
     candidates_hz
         Candidate frequencies [Hz].
 

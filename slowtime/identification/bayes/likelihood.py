@@ -54,12 +54,6 @@ def log_posterior(
         Grouped Fourier coefficients of the band.
     vector
         Parameters, in the order of `parameter_vector`.
-    start
-        Modes about which the priors lie.
-
-    Returns
-    -------
-    Log-posterior.
     """
     modes = modes_from_vector(vector, start)
     crossed = cross_periodograms(band, modes.log_frequency, modes.log_damping)
@@ -82,8 +76,6 @@ def gradient(
         Grouped Fourier coefficients of the band.
     vector
         Parameters, in the order of `parameter_vector`.
-    start
-        Modes about which the priors lie.
 
     Returns
     -------
@@ -104,8 +96,6 @@ def gradient_and_information(
         Grouped Fourier coefficients of the band.
     vector
         Parameters, in the order of `parameter_vector`.
-    start
-        Modes about which the priors lie.
 
     Returns
     -------
@@ -117,19 +107,7 @@ def gradient_and_information(
 
 
 def log_prior(modes: BandModes, start: BandModes) -> float:
-    """Log-prior of coherences and noise; keeps the length of the rows near 1.
-
-    Parameters
-    ----------
-    modes
-        Modes.
-    start
-        Modes about which the priors lie.
-
-    Returns
-    -------
-    Log-prior.
-    """
+    """Log-prior of coherences and noise; keeps the length of the rows near 1."""
     own = np.arange(modes.guests, len(modes.log_frequency))
     length = np.linalg.norm(modes.mixing[own], axis=1)
     itself = modes.mixing[own, own].real

@@ -78,11 +78,6 @@ class BandModes:
 def parameter_vector(modes: BandModes) -> Float[np.ndarray, " parameter"]:
     """Parameters: ln f, ln zeta, parts of L, shapes by mode, ln noise, its exponents.
 
-    Parameters
-    ----------
-    modes
-        Modes of the band.
-
     Returns
     -------
     Vector of all free parameters.
@@ -172,8 +167,6 @@ def noise_density(
     ----------
     band
         Grouped Fourier coefficients of the band.
-    modes
-        Modes of the band.
 
     Returns
     -------
@@ -198,8 +191,6 @@ def spectral_slopes(
     ----------
     band
         Grouped Fourier coefficients of the band.
-    modes
-        Modes of the band.
 
     Returns
     -------
@@ -226,11 +217,6 @@ def spectral_slopes(
 
 def slope_order(modes: BandModes) -> np.ndarray:
     """Give the indices in the parameter vector of the derivatives of `spectral_slopes`.
-
-    Parameters
-    ----------
-    modes
-        Modes of the band.
 
     Returns
     -------

@@ -104,19 +104,7 @@ def search_offsets(
 
 
 def symmetric_grid(sd: float, step: float) -> np.ndarray:
-    """Grid of points up to four standard deviations on either side of zero.
-
-    Parameters
-    ----------
-    sd
-        Standard deviation.
-    step
-        Distance of two points.
-
-    Returns
-    -------
-    Grid points.
-    """
+    """Grid of points up to four standard deviations on either side of zero."""
     half = min(math.ceil(4 * sd / step), MOST_POINTS // 2)
     return np.arange(-half, half + 1) * step
 
@@ -126,8 +114,6 @@ def is_measured_by_both(mode: SharedMode, times_s: np.ndarray, place: OffsetCand
 
     Parameters
     ----------
-    mode
-        Mode.
     times_s
         Times of the segments [s].
     place

@@ -109,8 +109,6 @@ def shared_modes(
     ----------
     first, second
         Samples of the boards on one grid.
-    rate_hz
-        Sampling rate [Hz].
     band_hz
         Search band [Hz].
 

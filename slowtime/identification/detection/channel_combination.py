@@ -24,8 +24,6 @@ def modal_series(
     ----------
     columns
         Samples of all channels, in any unit.
-    rate_hz
-        Sampling rate [Hz].
     candidate
         Detected peak, with the band that belongs to it [Hz].
 

@@ -62,8 +62,6 @@ def isolate_mode(
     ----------
     series
         Samples of one channel.
-    rate_hz
-        Sampling rate [Hz].
     candidate
         Detected peak, with the band that belongs to it [Hz].
 

@@ -48,10 +48,6 @@ class LongRecord:
             Frequency of the mode [Hz].
         cycles
             Least number of samples per cycle.
-
-        Returns
-        -------
-        Decimated record.
         """
         count = len(self.columns)
         most = min(self.rate_hz / (cycles * frequency_hz), count / FEWEST)

@@ -81,8 +81,6 @@ def detect_peaks(
     ----------
     columns
         Samples of all channels, in any unit.
-    rate_hz
-        Sampling rate [Hz].
     low, high
         Limits of the search [Hz].
     taper
@@ -122,8 +120,6 @@ def detect_separate_peaks(
     ----------
     columns
         Samples of all channels, in any unit.
-    rate_hz
-        Sampling rate [Hz].
     band_hz
         Of the modes that are reported [Hz]; None for all.
     taper
@@ -158,8 +154,6 @@ def strongest_peak(
     ----------
     columns
         Samples of all channels, in any unit.
-    rate_hz
-        Sampling rate [Hz].
     low, high
         Limits of the peak's frequency [Hz]; its band ends at the valleys to its neighbours,
         which may lie outside.

@@ -85,17 +85,7 @@ class SpectralDecomposition:
     peaks: tuple[int, ...]
 
     def valley(self, one: int, other: int) -> int:
-        """Index of the least first singular value between two places.
-
-        Parameters
-        ----------
-        one, other
-            Indices of the places.
-
-        Returns
-        -------
-        Index.
-        """
+        """Index of the least first singular value between two places."""
         low, high = sorted((one, other))
         return low + int(np.argmin(self.values[low : high + 1, 0]))
 
@@ -111,8 +101,6 @@ def scaled_coefficients(
     ----------
     samples
         Equally spaced samples in any unit, channels in columns.
-    rate_hz
-        Sampling rate [Hz].
     lines
         Frequencies of machine lines with their standard deviations [Hz].
 

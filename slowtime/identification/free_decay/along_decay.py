@@ -30,8 +30,6 @@ def along_decay(
         As fitted to a stretch of the decay.
     samples
         The whole record.
-    rate_hz
-        Sampling rate [Hz].
 
     Returns
     -------

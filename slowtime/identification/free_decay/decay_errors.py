@@ -55,8 +55,6 @@ def mode_of_fit(
         Fit of several decays.
     which
         Index of the mode.
-    rate_hz
-        Sampling rate [Hz].
     start_s
         Time of the first sample [s].
     band_hz

@@ -50,13 +50,6 @@ class DecayFit:
 def drift_basis(count: int, terms: int) -> Float[np.ndarray, "time term"]:
     """Orthonormal cosines over the record: a constant, then rising frequencies.
 
-    Parameters
-    ----------
-    count
-        Number of samples.
-    terms
-        Number of columns.
-
     Returns
     -------
     Orthonormal columns.
@@ -80,8 +73,6 @@ def fit_decays(
     ----------
     series
         Equally spaced samples, the first one at t = 0.
-    rate_hz
-        Samples per second [Hz].
     poles
         Where to start, one per mode, with positive imaginary parts; none may coincide.
     drift
@@ -221,8 +212,6 @@ def matrix_pencil(
     ----------
     space
         Signal subspace.
-    rate_hz
-        Sampling rate [Hz].
     order
         Number of real oscillations.
 

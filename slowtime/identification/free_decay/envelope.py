@@ -164,8 +164,6 @@ def decay_envelope(
     ----------
     samples
         A free decay, with whatever came before its release.
-    rate_hz
-        Sampling rate [Hz].
     start_s
         Before which nothing is used [s].
     band_hz

@@ -135,8 +135,6 @@ def fit_impact_decay(
     ----------
     columns
         Samples of all channels, in any unit.
-    rate_hz
-        Sampling rate [Hz].
     found
         Candidates, the mode first.
 

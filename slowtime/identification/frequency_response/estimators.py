@@ -91,14 +91,8 @@ def estimate_response(
 
     Parameters
     ----------
-    spectra
-        Averaged spectral matrices.
     estimator
         `h1`, `h2` (one input only) or `hv`.
-
-    Returns
-    -------
-    Frequency responses.
 
     Raises
     ------
@@ -129,11 +123,6 @@ def estimate_response(
 def input_coherence(spectra: SpectralMatrices) -> Float[np.ndarray, "line input"]:
     r"""Multiple coherence of each input with all others, :math:`1 - 1 / (S_{ii} S^{ii})`.
 
-    Parameters
-    ----------
-    spectra
-        Averaged spectral matrices.
-
     Returns
     -------
     Coherence [1]; 0 for a single input.
@@ -148,11 +137,6 @@ def input_coherence(spectra: SpectralMatrices) -> Float[np.ndarray, "line input"
 
 def check_inputs(spectra: SpectralMatrices) -> None:
     """Refuse inputs that cannot be told apart.
-
-    Parameters
-    ----------
-    spectra
-        Averaged spectral matrices.
 
     Raises
     ------
@@ -176,11 +160,6 @@ def multiple_coherence(
 
     .. math:: \gamma^2 = \frac{S_{yx} S_{xx}^{-1} S_{xy}}{S_{yy}}
 
-    Parameters
-    ----------
-    spectra
-        Averaged spectral matrices.
-
     Returns
     -------
     Coherence [1].
@@ -203,8 +182,6 @@ def random_error(
 
     Parameters
     ----------
-    spectra
-        Averaged spectral matrices.
     noise
         Power of the noise of each output; by default from the coherence.
 
@@ -220,11 +197,6 @@ def random_error(
 
 def output_noise(spectra: SpectralMatrices) -> Float[np.ndarray, "line output"]:
     """Power of each output that the inputs do not explain, without bias.
-
-    Parameters
-    ----------
-    spectra
-        Averaged spectral matrices.
 
     Returns
     -------

@@ -54,8 +54,6 @@ def hammer_response(
     ----------
     force, responses
         Samples of one record.
-    rate_hz
-        Sampling rate [Hz].
     hits
         Blows, as `find_hits` gives them; those refused are left out.
     kind

@@ -83,8 +83,6 @@ def find_hits(
         Measured force, of either sign.
     responses
         Measured responses, for overloads.
-    rate_hz
-        Sampling rate [Hz].
     block_s
         Length of a block [s]; by default from a blow to the next, the shortest such.
     limits

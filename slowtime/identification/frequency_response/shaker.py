@@ -28,13 +28,6 @@ OVERLAP_LOSS = 1.9
 def block_samples(count: int, blocks: int = BLOCKS) -> int:
     """Length of a block by default: a power of two, of about a sixteenth of the record.
 
-    Parameters
-    ----------
-    count
-        Samples of the record.
-    blocks
-        Blocks wanted.
-
     Returns
     -------
     Samples of a block.
@@ -62,8 +55,6 @@ def shaker_response(
     ----------
     inputs, outputs
         Samples of one record.
-    rate_hz
-        Sampling rate [Hz].
     kind
         What the responses are.
     estimator

@@ -184,8 +184,6 @@ def classify_in_spectra(
 
     Parameters
     ----------
-    spectra
-        Fourier coefficients of all channels.
     frequency_hz
         Frequencies of the peaks [Hz].
 
@@ -218,8 +216,6 @@ def find_harmonics(
     ----------
     samples
         Samples of all channels.
-    rate_hz
-        Sampling rate [Hz].
     band_hz
         Where to look [Hz]; by default from four cycles in the record to 0.45 of the rate.
     known_hz

@@ -47,8 +47,6 @@ def fourier_spectra(
     ----------
     samples
         Equally spaced samples in any unit, channels in columns.
-    rate_hz
-        Sampling rate [Hz].
 
     Returns
     -------
@@ -78,8 +76,6 @@ def narrow_band(spectra: FourierSpectra, centre: int, half_width: int) -> Narrow
 
     Parameters
     ----------
-    spectra
-        Fourier coefficients of all channels.
     centre
         Central bin.
     half_width
@@ -180,12 +176,6 @@ def draw_envelopes(
         Of the band; odd.
     draws
         Number of envelopes.
-    rng
-        Generator of the draws.
-
-    Returns
-    -------
-    Envelopes.
     """
     count = OVERSAMPLED * bins
     keep = np.exp(-2 * np.pi * half_widths_in_record / count)

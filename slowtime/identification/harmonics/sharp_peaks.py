@@ -29,8 +29,6 @@ def sharp_peaks(spectra: FourierSpectra, low_hz: float, high_hz: float) -> list[
 
     Parameters
     ----------
-    spectra
-        Fourier coefficients of all channels.
     low_hz, high_hz
         Limits of the search [Hz].
 

@@ -49,8 +49,6 @@ def monte_carlo_p_value(
 
     Parameters
     ----------
-    seen
-        Narrow band that holds the peak.
     value
         Observed statistic.
     statistic
@@ -61,10 +59,6 @@ def monte_carlo_p_value(
         Significance level that the p-value is compared with.
     rng
         Generator of the drawn modes.
-
-    Returns
-    -------
-    p-value.
     """
     drawn = below = 0
     while drawn < DRAWS / level:
@@ -84,18 +78,12 @@ def tone_p_value(
 
     Parameters
     ----------
-    seen
-        Narrow band that holds the peak.
     least
         Half-bandwidth of the least damped mode [bins].
     level
         Significance level that the p-value is compared with.
     rng
         Generator of the drawn modes.
-
-    Returns
-    -------
-    p-value.
     """
     if seen.snr < LEAST_SNR:
         return 1.0
@@ -108,15 +96,6 @@ def noise_p_value(seen: NarrowBand, channels: int, searched: int) -> float:
 
     The energy of the band over the noise density has a gamma law; its weighting of the channels
     was chosen to show the peak, which is worth one degree of freedom a channel.
-
-    Parameters
-    ----------
-    seen
-        Narrow band that holds the peak.
-    channels
-        Number of channels.
-    searched
-        Number of bands searched.
 
     Returns
     -------
@@ -134,8 +113,6 @@ def steadiness_p_value(
 
     Parameters
     ----------
-    seen
-        Narrow band that holds the peak.
     least
         Half-bandwidth of the least damped mode [bins].
     level

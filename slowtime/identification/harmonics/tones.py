@@ -32,8 +32,6 @@ def strongest_bin(spectra: FourierSpectra, frequency_hz: float) -> int:
 
     Parameters
     ----------
-    spectra
-        Fourier coefficients of all channels.
     frequency_hz
         Approximate frequency of the peak [Hz].
 
@@ -132,8 +130,6 @@ def remove_lines(
     ----------
     samples
         Samples of all channels.
-    rate_hz
-        Sampling rate [Hz].
     lines
         Frequencies with their errors, as `judge` and `find_harmonics` give them [Hz].
 

@@ -100,10 +100,6 @@ def assemble_test(
         Fit of these; None where there is no mode.
     driving_points
         Pairs of output and input that are one place and direction.
-
-    Returns
-    -------
-    The result.
     """
     modes: tuple[Mode, ...] = ()
     constants: tuple[ModalConstants, ...] = ()
@@ -160,8 +156,6 @@ def model_response(
     ----------
     response
         Measurement.
-    fit
-        Fit.
 
     Returns
     -------

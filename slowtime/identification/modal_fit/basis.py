@@ -72,8 +72,6 @@ def residual_columns(
     ----------
     s
         Laplace variable of each row, not 0 [rad/s].
-    powers
-        Powers.
 
     Returns
     -------

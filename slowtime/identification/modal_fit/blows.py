@@ -58,8 +58,6 @@ def identify_blows(
     ----------
     force, responses
         Samples of one record.
-    rate_hz
-        Sampling rate [Hz].
     hits
         Blows, as `find_hits` gives them; those refused are left out.
     band_hz

@@ -28,10 +28,6 @@ def edited_test(test: ModalTest, selection: Selection) -> ModalTest:
     selection
         Edits.
 
-    Returns
-    -------
-    Test with the modes of that choice.
-
     Raises
     ------
     ValueError

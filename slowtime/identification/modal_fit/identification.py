@@ -137,10 +137,6 @@ def data_of(response: FrequencyResponse) -> SpectralData:
     ----------
     response
         Frequency responses with errors.
-
-    Returns
-    -------
-    Data of a fit.
     """
     lines = len(response.frequency_hz)
     ends = np.zeros((lines, 0), complex) if response.end is None else response.end[:, None]

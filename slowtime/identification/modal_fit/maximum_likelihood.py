@@ -121,10 +121,6 @@ def fit_poles(
     rounds
         Iterations at most; 0 for residues at the given poles.
 
-    Returns
-    -------
-    The fit.
-
     Raises
     ------
     ValueError

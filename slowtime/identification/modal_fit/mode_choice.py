@@ -128,13 +128,6 @@ def reweighted(
 def noise_of_fit(data: SpectralData, fit: PoleFit) -> NoiseModel:
     """Model the noise by what a fit leaves over.
 
-    Parameters
-    ----------
-    data
-        What was fitted.
-    fit
-        The fit.
-
     Returns
     -------
     Noise of each row and entry.
@@ -158,8 +151,6 @@ def enlarged_by_student(fit: PoleFit, noise: NoiseModel) -> PoleFit:
     ----------
     fit
         Fit with noise by its residuals.
-    noise
-        That noise.
 
     Returns
     -------

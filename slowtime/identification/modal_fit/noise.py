@@ -73,10 +73,6 @@ def model_noise(
         Poles of the fit [rad/s].
     shapes
         Deflection of each entry in each mode, for the signs of common noise.
-
-    Returns
-    -------
-    The noise.
     """
     away = np.abs(s.imag[:, None] - poles.imag) / np.abs(poles.real)
     peaks = 1.0 / (1.0 + away**2)

@@ -48,8 +48,6 @@ def identify_record(
     ----------
     inputs, outputs
         Samples, both behind the same anti-alias filter.
-    rate_hz
-        Sampling rate [Hz].
     kind
         What outputs are per input.
     band_hz
@@ -130,8 +128,6 @@ def subspace_candidates(
     ----------
     segment
         Samples of the record.
-    rate_hz
-        Sampling rate [Hz].
     band_hz
         Band [Hz].
 

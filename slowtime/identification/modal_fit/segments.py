@@ -59,8 +59,6 @@ def transforms(
     ----------
     segment
         Samples.
-    rate_hz
-        Sampling rate [Hz].
     band_hz
         Band [Hz].
 
@@ -91,8 +89,6 @@ def fit_segments(
     ----------
     segments
         Samples.
-    rate_hz
-        Sampling rate [Hz].
     band_hz
         Band [Hz].
     kind

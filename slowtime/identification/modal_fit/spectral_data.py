@@ -61,9 +61,5 @@ class SpectralData:
         ----------
         noise
             Its standard deviation, and what entries have in common.
-
-        Returns
-        -------
-        Data with that noise.
         """
         return dataclasses.replace(self, sd=noise.sd, common=noise.common)

@@ -34,13 +34,6 @@ class Agreement:
 def agreement_of(chi_square: float, freedom: int) -> Agreement:
     """Agreement from a chi-square statistic; holds without degrees of freedom.
 
-    Parameters
-    ----------
-    chi_square
-        Statistic.
-    freedom
-        Degrees of freedom.
-
     Returns
     -------
     Statistic with its p-value.

@@ -78,8 +78,6 @@ def solve_band(
     ----------
     correlations
         Correlation matrices of the series.
-    seen
-        Spectral matrices of the band under forgetting.
     band
         Frequency band.
     models

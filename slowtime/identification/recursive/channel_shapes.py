@@ -33,8 +33,6 @@ def expand_to_channels(
 
     Parameters
     ----------
-    seen
-        Spectral matrices of the band under forgetting.
     case
         Window with its channel combinations.
     best

@@ -92,11 +92,6 @@ class FrequencyGrid:
     def after_gap(self, fading: FadingCoefficients) -> FadingCoefficients:
         """State after a gap: coefficients restart, sums remain.
 
-        Parameters
-        ----------
-        fading
-            State.
-
         Returns
         -------
         New state.

@@ -134,11 +134,6 @@ class RecursiveModes:
     def solved(self, state: RecursiveState) -> tuple[Mode, ...]:
         """Modes by all data so far, whether or not a solution is due.
 
-        Parameters
-        ----------
-        state
-            State of the stream.
-
         Returns
         -------
         Modes, ascending in frequency.

@@ -78,8 +78,6 @@ def fit_band_modes(
 
     Parameters
     ----------
-    seen
-        Spectral matrices of the band under forgetting.
     found
         Candidates in the band.
     beside

@@ -171,8 +171,6 @@ def prepare_fading_window(
 
     Parameters
     ----------
-    seen
-        Spectral matrices of the band under forgetting.
     order
         Initial modes, ascending in frequency.
     members

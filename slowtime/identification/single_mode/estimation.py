@@ -224,8 +224,6 @@ def identify_candidate(
     ----------
     columns
         Samples of all channels, in any unit.
-    rate_hz
-        Sampling rate [Hz].
     candidate
         Detected peak, with the band that belongs to it [Hz].
     method

@@ -68,8 +68,6 @@ def fit_peak(
     ----------
     columns
         Samples of all channels, in any unit.
-    rate_hz
-        Sampling rate [Hz].
     candidate
         Detected peak, with the band that belongs to it [Hz].
 

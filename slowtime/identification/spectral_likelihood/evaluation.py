@@ -42,10 +42,6 @@ def evaluate(
 
     Parameters
     ----------
-    data
-        Mean spectral matrices of the band.
-    model
-        Modal state-space model of the band.
     known
         Evaluation of a model with the same poles, which need not be evaluated again.
 
@@ -101,13 +97,6 @@ def band_log_likelihood(
     data: BandData, density: Complex[np.ndarray, "group direction direction"]
 ) -> float:
     """Whittle log-likelihood; minus infinity if the density is not positive definite.
-
-    Parameters
-    ----------
-    data
-        Mean spectral matrices of the band.
-    density
-        Density that the model predicts.
 
     Returns
     -------

@@ -254,8 +254,6 @@ def surprise_of(
 
     Parameters
     ----------
-    data
-        Mean spectral matrices of the band.
     density, precision
         Predicted density and its inverse, groups first.
 
@@ -276,10 +274,6 @@ def information_and_score(
 
     Parameters
     ----------
-    data
-        Mean spectral matrices of the band.
-    model
-        Modal state-space model of the band.
     predicted
         Response of the modes and its slope; density and its inverse, groups first.
 
@@ -301,16 +295,8 @@ def add_prior(
 
     Parameters
     ----------
-    model
-        Modal state-space model of the band.
     information
         Information matrix.
-    score
-        Score.
-
-    Returns
-    -------
-    Information and score with prior.
     """
     modes = 0 if model.still else len(model.pole) - model.held
     away, wide = (each[:, :modes].T.reshape(-1) for each in model.ties())

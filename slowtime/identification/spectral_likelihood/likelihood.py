@@ -67,11 +67,6 @@ class BandFit:
     def pole_covariance(self, mode: int) -> Float[np.ndarray, "2 2"]:
         """Covariance of log decay rate and angular frequency of a mode.
 
-        Parameters
-        ----------
-        mode
-            Index of the mode.
-
         Returns
         -------
         Two by two matrix.
@@ -114,18 +109,12 @@ def initial_model(
 
     Parameters
     ----------
-    data
-        Mean spectral matrices of the band.
     pole
         Poles, in the unit of the data.
     shape
         Shapes.
     held
         Number of poles at the end that stay.
-
-    Returns
-    -------
-    Model.
     """
     none = np.zeros((len(shape), len(shape)), dtype=complex)
     model = BandModel(pole, shape, 0 * shape, none, none, pole, held)
@@ -139,13 +128,6 @@ def expectation_maximisation(data: BandData, model: BandModel) -> BandModel:
 
     White forces on the modes and white background are drawn jointly with a covariance W; each
     round replaces W by its mean given data and W, and no round lowers the likelihood.
-
-    Parameters
-    ----------
-    data
-        Mean spectral matrices of the band.
-    model
-        Modal state-space model of the band.
 
     Returns
     -------
@@ -213,10 +195,6 @@ def fit_band_model(data: BandData, model: BandModel, *, roughly: bool = False) -
 
     Parameters
     ----------
-    data
-        Mean spectral matrices of the band.
-    model
-        Modal state-space model of the band.
     roughly
         Whether to stop early, when only dozens of log-likelihood matter.
 
@@ -235,13 +213,6 @@ def fit_band_model(data: BandData, model: BandModel, *, roughly: bool = False) -
 
 def fit_forces(data: BandData, model: BandModel) -> BandModel:
     """Fit forces, shapes and background roughly, at fixed poles.
-
-    Parameters
-    ----------
-    data
-        Mean spectral matrices of the band.
-    model
-        Modal state-space model of the band.
 
     Returns
     -------

@@ -92,8 +92,6 @@ def select_modes(
 
     Parameters
     ----------
-    spectrum
-        Fourier coefficients of the record.
     starts
         Candidates.
     low_hz, high_hz
@@ -121,8 +119,6 @@ def fit_modes(
 
     Parameters
     ----------
-    spectrum
-        Fourier coefficients of the record.
     starts
         Selected modes.
     low_hz, high_hz
@@ -149,8 +145,6 @@ def widen_for_windows(
 
     Parameters
     ----------
-    spectrum
-        Fourier coefficients of the record.
     fitted
         Modes fitted in wide windows.
     low_hz, high_hz

@@ -176,11 +176,6 @@ class BandModel:
     def predicted(self, data: BandData) -> np.ndarray:
         """Predicted spectral matrices of the data.
 
-        Parameters
-        ----------
-        data
-            Mean spectral matrices of the band.
-
         Returns
         -------
         One matrix per group.
@@ -300,14 +295,8 @@ def step_parameters(model: BandModel, step: Float[np.ndarray, " parameter"]) -> 
 
     Parameters
     ----------
-    model
-        Modal state-space model of the band.
     step
         Change of each parameter.
-
-    Returns
-    -------
-    Model.
     """
     directions, modes = model.shape.shape
     of_poles = np.clip(step[: 2 * modes : 2], -1.0, 1.0), step[1 : 2 * modes : 2]

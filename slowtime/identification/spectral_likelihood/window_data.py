@@ -48,11 +48,6 @@ class WindowUnits:
     def back(self, pole: complex) -> complex:
         """Pole in physical units.
 
-        Parameters
-        ----------
-        pole
-            Dimensionless pole.
-
         Returns
         -------
         Pole [rad/s].
@@ -104,8 +99,6 @@ def prepare_window(
 
     Parameters
     ----------
-    spectrum
-        Fourier coefficients of the record.
     window
         Frequency window.
     poles

@@ -136,10 +136,6 @@ def shared_windows(
         Indices of each group.
     about
         Function that gives the window of a group.
-
-    Returns
-    -------
-    Groups, each with its window.
     """
     shared: list[tuple[list[int], SpectralWindow]] = []
     for group in groups:

@@ -99,8 +99,6 @@ def correlation_matrices(
         The references may be channels of the series, or mixtures of them.
     lags
         How many, from 0.
-    rate_hz
-        Sampling rate [Hz].
     centre_hz
         Frequency that was moved to zero before [Hz].
     draws
@@ -152,8 +150,6 @@ def combine_products(
     ----------
     products, pairs
         Sums of products and how many (or of what total weight) went into them.
-    rate_hz
-        Sampling rate [Hz].
     centre_hz
         Frequency that was moved to zero before [Hz].
     draws

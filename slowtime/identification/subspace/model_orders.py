@@ -55,10 +55,6 @@ def whitening(covariance: np.ndarray | None, size: int, dtype: np.dtype) -> Whit
         Its rows.
     dtype
         Of the identity.
-
-    Returns
-    -------
-    Inverse square root, and square root.
     """
     if covariance is None:
         identity = np.eye(size, dtype=dtype)

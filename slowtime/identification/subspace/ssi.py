@@ -59,8 +59,6 @@ def ssi_covariance(
     ----------
     samples
         Equally spaced, any units; each channel is scaled to unit variance.
-    rate_hz
-        Samples per second [Hz].
     block_rows
         Lags in a block row or column; twice as many are used.
     orders

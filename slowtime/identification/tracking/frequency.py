@@ -72,19 +72,7 @@ def initial_belief(frequency_hz: float, sd_hz: float) -> FrequencyBelief:
 
 
 def predict_belief(belief: FrequencyBelief, elapsed: float) -> FrequencyBelief:
-    """Predict the belief without a reading.
-
-    Parameters
-    ----------
-    belief
-        Belief before the step.
-    elapsed
-        Number of epochs.
-
-    Returns
-    -------
-    Predicted belief.
-    """
+    """Predict the belief without a reading."""
     return dataclasses.replace(belief, variance=belief.variance + SPEEDS**2 * elapsed)
 
 
@@ -93,16 +81,10 @@ def log_density(belief: FrequencyBelief, frequency_hz: float, sd_hz: float) -> f
 
     Parameters
     ----------
-    belief
-        Predicted belief.
     frequency_hz
         Reading [Hz].
     sd_hz
         Standard deviation [Hz].
-
-    Returns
-    -------
-    Log-density.
     """
     return float(np.logaddexp.reduce(belief.log_weight + _each(belief, frequency_hz, sd_hz)))
 

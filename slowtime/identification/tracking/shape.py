@@ -38,13 +38,6 @@ def initial_belief(
 ) -> ShapeBelief:
     """Belief from the first shape.
 
-    Parameters
-    ----------
-    shape
-        Complex deflections.
-    sd
-        Standard deviations.
-
     Returns
     -------
     Belief of the unit-norm shape.
@@ -53,19 +46,7 @@ def initial_belief(
 
 
 def predict_belief(belief: ShapeBelief, elapsed: float) -> ShapeBelief:
-    """Predict the belief without a shape.
-
-    Parameters
-    ----------
-    belief
-        Belief before the step.
-    elapsed
-        Number of epochs.
-
-    Returns
-    -------
-    Predicted belief.
-    """
+    """Predict the belief without a shape."""
     return dataclasses.replace(belief, variance=belief.variance + DRIFT**2 * elapsed)
 
 
@@ -96,16 +77,10 @@ def log_ratio(
 
     Parameters
     ----------
-    belief
-        Predicted belief.
     shape
         Complex deflections.
     sd
         Standard deviations.
-
-    Returns
-    -------
-    Log-ratio.
     """
     n = belief.directions
     if n == 0:

@@ -56,11 +56,6 @@ class PolarMixture:
     def log_density(self, u: Points) -> Float[np.ndarray, " sample"]:
         """Logarithm of the density of the mixture.
 
-        Parameters
-        ----------
-        u
-            Points in standard normal space.
-
         Returns
         -------
         Logarithms, over u.

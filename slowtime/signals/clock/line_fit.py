@@ -266,17 +266,7 @@ def fit_points(points: Points, resolution_s: float) -> Line | None:
 
 
 def spread_of(residuals: Float[np.ndarray, " span"]) -> float:
-    """Estimate a standard deviation from the median of absolute residuals.
-
-    Parameters
-    ----------
-    residuals
-        Residuals of a line.
-
-    Returns
-    -------
-    Standard deviation.
-    """
+    """Estimate a standard deviation from the median of absolute residuals."""
     ranked = np.sort(np.abs(residuals))
     return 1.4826 * float(ranked[min((len(ranked) + FITTED) // 2, len(ranked) - 1)])
 

@@ -4,6 +4,12 @@ A slope is never formed as a matrix: what likelihoods need is
 :math:`\sum_{ij} G_{ij} \, \partial K_{ij} / \partial \theta`, which costs one pass over K.
 Inputs come scaled to the box of the design, outputs to unit variance; bounds and priors of the
 parameters are in those units.
+
+Several functions share these parameters:
+
+- `theta`: parameters of the function, in the order of `ranges`.
+- `a`: scaled points [sample, input].
+- `weight`: symmetric weights G [sample, sample].
 """
 
 import dataclasses
@@ -67,15 +73,6 @@ class Covariance(Protocol):
 
     def slopes(self, theta: np.ndarray, a: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """Sum a symmetric `weight` times the covariance's derivative to each parameter.
-
-        Parameters
-        ----------
-        theta
-            Parameters of the function, in the order of `ranges`.
-        a
-            Scaled points [sample, input].
-        weight
-            Symmetric weights G [sample, sample].
 
         Returns
         -------
@@ -169,15 +166,6 @@ class Stationary:
     def slopes(self, theta: np.ndarray, a: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """Sum a symmetric `weight` times the covariance's derivative to each parameter.
 
-        Parameters
-        ----------
-        theta
-            Parameters of the function, in the order of `ranges`.
-        a
-            Scaled points [sample, input].
-        weight
-            Symmetric weights G [sample, sample].
-
         Returns
         -------
         Sums [parameter].
@@ -247,15 +235,6 @@ class PeriodicCovariance:
     def slopes(self, theta: np.ndarray, a: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """Sum a symmetric `weight` times the covariance's derivative to each parameter.
 
-        Parameters
-        ----------
-        theta
-            Parameters of the function, in the order of `ranges`.
-        a
-            Scaled points [sample, input].
-        weight
-            Symmetric weights G [sample, sample].
-
         Returns
         -------
         Sums [parameter].
@@ -291,11 +270,6 @@ class Expanded:
 
     def variances(self, theta: np.ndarray) -> Float[np.ndarray, " term"]:
         """Prior variance of each coefficient of the expansion.
-
-        Parameters
-        ----------
-        theta
-            Parameters of the function, in the order of `ranges`.
 
         Returns
         -------
@@ -340,15 +314,6 @@ class Expanded:
 
     def slopes(self, theta: np.ndarray, a: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """Sum a symmetric `weight` times the covariance's derivative to each parameter.
-
-        Parameters
-        ----------
-        theta
-            Parameters of the function, in the order of `ranges`.
-        a
-            Scaled points [sample, input].
-        weight
-            Symmetric weights G [sample, sample].
 
         Returns
         -------
@@ -423,15 +388,6 @@ class SumCovariance:
 
     def slopes(self, theta: np.ndarray, a: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """Sum a symmetric `weight` times the covariance's derivative to each parameter.
-
-        Parameters
-        ----------
-        theta
-            Parameters of the function, in the order of `ranges`.
-        a
-            Scaled points [sample, input].
-        weight
-            Symmetric weights G [sample, sample].
 
         Returns
         -------

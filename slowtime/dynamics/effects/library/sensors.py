@@ -1,4 +1,10 @@
-"""Faulty sensors: bias, drift, gain, clipping, dropout and timing errors."""
+"""Faulty sensors: bias, drift, gain, clipping, dropout and timing errors.
+
+Several functions share these parameters:
+
+- `series`: true series, the last axis is time.
+- `times`: campaign times [s]; not used.
+"""
 
 import math
 
@@ -22,10 +28,6 @@ def biased(series: Several, times: Series, p: Values) -> Several:
 
     Parameters
     ----------
-    series
-        True series, the last axis is time.
-    times
-        Campaign times [s]; not used.
     p
         The constant [unit of the series].
 
@@ -41,16 +43,8 @@ def unchanged(series: Several, times: Series, p: Values) -> Several:
 
     Parameters
     ----------
-    series
-        True series, the last axis is time.
-    times
-        Campaign times [s]; not used.
     p
         Number of the node; not used.
-
-    Returns
-    -------
-    The series.
     """
     return series
 
@@ -60,8 +54,6 @@ def drifting(series: Several, times: Series, p: Values) -> Several:
 
     Parameters
     ----------
-    series
-        True series, the last axis is time.
     times
         Campaign times [s].
     p
@@ -79,10 +71,6 @@ def gained(series: Several, times: Series, p: Values) -> Several:
 
     Parameters
     ----------
-    series
-        True series, the last axis is time.
-    times
-        Campaign times [s]; not used.
     p
         The factor [1].
 
@@ -98,10 +86,6 @@ def clipped(series: Several, times: Series, p: Values) -> Several:
 
     Parameters
     ----------
-    series
-        True series, the last axis is time.
-    times
-        Campaign times [s]; not used.
     p
         Largest value that the sensor outputs [unit of the series].
 
@@ -142,8 +126,6 @@ def timed(series: Several, times: Series, p: Values) -> Several:
 
     Parameters
     ----------
-    series
-        True series, the last axis is time.
     times
         Campaign times [s].
     p

@@ -1,4 +1,13 @@
-"""Nonlinear springs: hardening, softening, gaps, stops, pendulum."""
+"""Nonlinear springs: hardening, softening, gaps, stops, pendulum.
+
+Several functions share these parameters:
+
+- `e`: elongation [m].
+- `v`: its rate [m/s].
+- `t`: campaign time [s]; not used.
+- `z`: internal states; none.
+- `motion`: motion of the place of the effect.
+"""
 
 import math
 from collections.abc import Mapping
@@ -19,14 +28,6 @@ def cubic(e: float, v: float, t: float, z: Any, p: Any) -> float:
 
     Parameters
     ----------
-    e
-        Elongation [m].
-    v
-        Its rate [m/s].
-    t
-        Campaign time [s]; not used.
-    z
-        Internal states; none.
     p
         Cubic stiffness [N/m^3].
 
@@ -42,14 +43,6 @@ def quadratic(e: float, v: float, t: float, z: Any, p: Any) -> float:
 
     Parameters
     ----------
-    e
-        Elongation [m].
-    v
-        Its rate [m/s].
-    t
-        Campaign time [s]; not used.
-    z
-        Internal states; none.
     p
         Quadratic stiffness [N/m^2].
 
@@ -65,14 +58,6 @@ def saturating(e: float, v: float, t: float, z: Any, p: Any) -> float:
 
     Parameters
     ----------
-    e
-        Elongation [m].
-    v
-        Its rate [m/s].
-    t
-        Campaign time [s]; not used.
-    z
-        Internal states; none.
     p
         Stiffness that levels off [N/m]; elongation at which it does [m].
 
@@ -215,11 +200,6 @@ def contacts(motion: Motion) -> list[Shape]:
 def saturations(motion: Motion) -> list[Shape]:
     """List elongations at which a spring may level off.
 
-    Parameters
-    ----------
-    motion
-        Motion of the place of the effect.
-
     Returns
     -------
     Values of the shape parameters to try, by name.
@@ -246,11 +226,6 @@ def gaps(motion: Motion) -> list[Shape]:
 def stops(motion: Motion) -> list[Shape]:
     """List gaps on either side, and none.
 
-    Parameters
-    ----------
-    motion
-        Motion of the place of the effect.
-
     Returns
     -------
     Values of the shape parameters to try, by name.
@@ -266,8 +241,6 @@ def levelled(parameters: Mapping[str, float], motion: Motion) -> bool:
     ----------
     parameters
         Parameters of the effect, by name, in their units.
-    motion
-        Motion of the place of the effect.
 
     Returns
     -------
