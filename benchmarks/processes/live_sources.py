@@ -13,7 +13,6 @@ import argparse
 import json
 import os
 import shutil
-import socket
 import subprocess
 import sys
 import tempfile
@@ -29,6 +28,8 @@ from slowtime_schemas.codec import decode
 from slowtime_schemas.messages import Health
 from slowtime_schemas.streams import HEALTH
 from slowtime_services.bus import Sample, ZenohBus
+
+from .transport import free_port
 
 RATE_HZ, CHANNELS, BLOCK = 1_000, 4, 50
 
@@ -48,7 +49,7 @@ def main() -> int:
 
 def measured(home: Path, broker: str, seconds: float, window_s: float) -> int:
     """Start everything, publish, and look at the agent now and then."""
-    mqtt, zenoh = _free_port(), _free_port()
+    mqtt, zenoh = free_port(), free_port()
     (home / "broker.conf").write_text(f"listener {mqtt} 127.0.0.1\nallow_anonymous true\n")
     settings = {
         "site": "lab", "asset": "bench", "connect": [f"tcp/127.0.0.1:{zenoh}"],
@@ -152,13 +153,6 @@ def _until(holds: Callable[[], bool], patience_s: float = 300.0) -> None:
     deadline = time.monotonic() + patience_s
     while not holds() and time.monotonic() < deadline:
         time.sleep(0.1)
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 if __name__ == "__main__":

@@ -16,7 +16,6 @@ import argparse
 import json
 import re
 import shutil
-import socket
 import statistics
 import subprocess
 import sys
@@ -37,6 +36,8 @@ from slowtime_schemas.quantities import RENEWALS, Quantity
 from slowtime_schemas.streams import FEATURES, REGISTRATION
 from slowtime_services.record import RecordingWriter
 from slowtime_services.simulate import simulated_structure
+
+from .transport import free_port
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 RATE = 5.0
@@ -105,7 +106,7 @@ def look(
         stdout=subprocess.DEVNULL,
     )
     replayed_s = time.monotonic() - began
-    endpoint, port = f"tcp/127.0.0.1:{_free_port()}", _free_port()
+    endpoint, port = f"tcp/127.0.0.1:{free_port()}", free_port()
     url = f"http://127.0.0.1:{port}"
     serve = ["twin", "--connect", endpoint, "--port", str(port), "--database", str(database)]
     with (
@@ -214,13 +215,6 @@ def _resident_mb(pid: int) -> float:
         family |= {each} if parent in family else set()
     pages = sum(size for each, (_, size) in parents.items() if each in family)
     return pages * 4096 / 1e6
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-    return port
 
 
 def main() -> int:

@@ -12,6 +12,11 @@ from jaxtyping import Float
 SMOOTHNESSES = (0.5, 1.5, 2.5)
 
 
+def per_member(parameter: np.ndarray | float) -> np.ndarray:
+    """Parameter of each member of a family, with axes for the matrices of its state."""
+    return np.asarray(parameter)[..., None, None]
+
+
 def rate(smoothness: float, length: np.ndarray | float) -> np.ndarray:
     r"""Rate :math:`\lambda = \sqrt{2 \nu} / \ell` at which a Matérn process forgets.
 

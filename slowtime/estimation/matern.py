@@ -89,7 +89,7 @@ class SlowProcess:
         mean[..., 0] = self.centre
         covariance[..., 0, 0] = self.level_sd**2
         covariance[..., 1, 1] = self.slope_sd**2
-        covariance[..., 2:, 2:] = _per_member(self.sd) ** 2 * kernels.stationary(
+        covariance[..., 2:, 2:] = kernels.per_member(self.sd) ** 2 * kernels.stationary(
             self.smoothness
         )
         return Belief(float(time), mean, covariance)
@@ -108,10 +108,8 @@ class SlowProcess:
         move[..., 0, 0] = move[..., 1, 1] = 1.0
         move[..., 0, 1] = apart
         move[..., 2:, 2:] = inner
-        noise[..., :2, :2] = _per_member(self.slope_drift) ** 2 * kernels.trend_noise(apart)
-        noise[..., 2:, 2:] = _per_member(self.sd) ** 2 * noise_inner
+        noise[..., :2, :2] = kernels.per_member(self.slope_drift) ** 2 * kernels.trend_noise(
+            apart
+        )
+        noise[..., 2:, 2:] = kernels.per_member(self.sd) ** 2 * noise_inner
         return move, noise
-
-
-def _per_member(parameter: Parameter) -> np.ndarray:
-    return np.asarray(parameter)[..., None, None]

@@ -52,7 +52,9 @@ class Matern(Leaf):
 
     def initial_covariance(self) -> np.ndarray:
         """See `Process`."""
-        return np.asarray(_each(self.sd) ** 2 * kernels.stationary(self.smoothness))
+        return np.asarray(
+            kernels.per_member(self.sd) ** 2 * kernels.stationary(self.smoothness)
+        )
 
     def transitions(self, step: np.ndarray) -> np.ndarray:
         """See `Process`."""
@@ -78,7 +80,7 @@ class Constant(Leaf):
 
     def initial_covariance(self) -> np.ndarray:
         """See `Process`."""
-        return np.asarray(_each(self.sd) ** 2)
+        return np.asarray(kernels.per_member(self.sd) ** 2)
 
     def transitions(self, step: np.ndarray) -> np.ndarray:
         """See `Process`."""
@@ -130,7 +132,9 @@ class Trend(Leaf):
 
     def noises(self, step: np.ndarray, move: np.ndarray) -> np.ndarray:
         """See `Process`."""
-        return np.asarray(_each(self.drift) ** 2 * kernels.trend_noise(move[..., 0, 1]))
+        return np.asarray(
+            kernels.per_member(self.drift) ** 2 * kernels.trend_noise(move[..., 0, 1])
+        )
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -255,10 +259,6 @@ def quasi_periodic(
     wave = Periodic(period=period, length=length, sd=sd, harmonics=harmonics, edges=edges)
     fading = Matern(smoothness=smoothness, length=memory, sd=1.0, fixed=("sd",))
     return Product(wave, fading)
-
-
-def _each(parameter: Parameter) -> np.ndarray:
-    return np.asarray(parameter)[..., None, None]
 
 
 def _with_family_axis(step: np.ndarray, *parameters: Parameter) -> np.ndarray:

@@ -1,15 +1,14 @@
 """The verb `ledger`: makes signing keys, fetches signed heads and verifies recordings."""
 
-import contextlib
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from slowtime_cli.shared.terminal import plural
-from slowtime_services.client import AnswerError, Client, UnreachableError
+from slowtime_cli.twins.twin_query import server_errors_told
+from slowtime_services.client import Client
 from slowtime_services.credentials import CredentialsError, make_key, public_key
 from slowtime_services.credentials.timestamps import TimestampError, stamped
 from slowtime_services.documents.document_files import read_json_file
@@ -44,18 +43,9 @@ def key(out: Path) -> None:
     )
 
 
-@contextlib.contextmanager
-def _asking() -> Iterator[None]:
-    """Say what a server answers, or that it does not."""
-    try:
-        yield
-    except (AnswerError, UnreachableError) as error:
-        raise click.ClickException(str(error)) from error
-
-
 def head(server: str, out: Path, twin: str | None) -> None:
     """Fetch the newest signed head of a server, or of the chain of one twin."""
-    with _asking():
+    with server_errors_told():
         _must_not_exist(out)
         if twin is not None:
             found = Client(server).tree_head(twin)
@@ -83,7 +73,7 @@ def head(server: str, out: Path, twin: str | None) -> None:
 
 def prove(server: str, head: Path, reading: str | None, key: str | None, out: Path) -> None:
     """Fetch a proof that a server's ledger goes on from a kept head, and verify it."""
-    with _asking():
+    with server_errors_told():
         _must_not_exist(out)
         kept, known = kept_head_of_any_kind(head), None if key is None else public_key_of(key)
         client = Client(server)

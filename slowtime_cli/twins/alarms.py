@@ -6,7 +6,8 @@ from typing import Any
 import click
 
 from slowtime_cli.shared.terminal import note, show
-from slowtime_services.client import AnswerError, Client, UnreachableError
+from slowtime_cli.twins.twin_query import server_errors_told
+from slowtime_services.client import Client
 
 POLL_S = 0.2
 """Pause between two looks at the deliveries [s]."""
@@ -17,11 +18,9 @@ FINAL_STATES = ("delivered", "failed", "dropped")
 def send_test(twin: str, receiver: str | None, wait_s: float, server: str) -> int:
     """Send a test alarm of TWIN, and print which receivers it reached."""
     client = Client(server)
-    try:
+    with server_errors_told():
         sent = client.test_alarm(twin, receiver)
         found = _followed(client, twin, sent["event_id"], len(sent["receivers"]), wait_s)
-    except (AnswerError, UnreachableError) as error:
-        raise click.ClickException(str(error)) from error
     for one in found:
         why = f": {one['error']}" if one["error"] else ""
         tries = "1 try" if one["tries"] == 1 else f"{one['tries']} tries"
@@ -39,10 +38,8 @@ def send_test(twin: str, receiver: str | None, wait_s: float, server: str) -> in
 
 def deliveries(twin: str, server: str) -> None:
     """Show how the routes of TWIN fare."""
-    try:
+    with server_errors_told():
         told = Client(server).deliveries(twin)
-    except (AnswerError, UnreachableError) as error:
-        raise click.ClickException(str(error)) from error
     columns = ("receiver", "kind", "waiting", "delivered", "failed", "last_error")
     plain = [{name: route[name] for name in columns} for route in told["routes"]]
     rows = [

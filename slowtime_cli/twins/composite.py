@@ -1,16 +1,15 @@
 """The verb `composite`: registers, lists and exports composites of twins."""
 
-import contextlib
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import click
 
 from slowtime_cli.shared.terminal import plural
+from slowtime_cli.twins.twin_query import server_errors_told
 from slowtime_schemas.slow_times import one_unit_in_words, span_in_words
-from slowtime_services.client import AnswerError, Client, Composite, UnreachableError
+from slowtime_services.client import Client, Composite
 from slowtime_services.documents.bounds import DocumentError, document_text
 from slowtime_services.documents.validation import validated
 from slowtime_services.documents.yaml_lines import YamlError, read_with_lines
@@ -39,14 +38,14 @@ def add(file: Path, composite_id: str, server: str) -> None:
             "[demo.tower, demo.mast]."
         )
     validated(Registration, content, len(text))
-    with _sentences():
+    with server_errors_told():
         found = Client(server).register_composite(composite_id, content)
     click.echo(_sentence(found))
 
 
 def list_(server: str) -> None:
     """List all composites."""
-    with _sentences():
+    with server_errors_told():
         every = Client(server).composites()
     for one in every:
         health = one.health
@@ -63,7 +62,7 @@ def list_(server: str) -> None:
 
 def show(composite_id: str, horizon: float | None, as_json: bool, server: str) -> None:
     """Print health, failure probability, importance and pooled rates of a composite."""
-    with _sentences():
+    with server_errors_told():
         client = Client(server)
         if as_json:
             query = {"horizon": horizon}
@@ -93,7 +92,7 @@ def import_(
     """Register the composites of a graph."""
     from twin_server.serve.composites import CONTAINS, composites_of
 
-    with _sentences():
+    with server_errors_told():
         client = Client(server)
         twins = {twin.id for twin in client.twins()}
         try:
@@ -113,7 +112,7 @@ def import_(
 
 def export(site: str | None, form: str, out: Path, server: str) -> None:
     """Write the graph of a server."""
-    with _sentences():
+    with server_errors_told():
         whole = Client(server).dtdl(site=site, form=form)
     out.write_text(json.dumps(whole, indent=1) + "\n", encoding="utf-8")
     click.echo(f"{out}: {out.stat().st_size:,} bytes")
@@ -160,12 +159,3 @@ def _importance(importance: Any) -> str:
 
 def _number(value: float | None) -> str:
     return "none" if value is None else f"{value:.3g}"
-
-
-@contextlib.contextmanager
-def _sentences() -> Iterator[None]:
-    """Convert a server's refusal to a sentence."""
-    try:
-        yield
-    except (AnswerError, UnreachableError) as error:
-        raise click.ClickException(str(error)) from error

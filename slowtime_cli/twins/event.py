@@ -10,7 +10,8 @@ from typing import Any
 import click
 
 from slowtime_cli.shared.terminal import note, show
-from slowtime_services.client import AnswerError, Client, UnreachableError
+from slowtime_cli.twins.twin_query import server_errors_told
+from slowtime_services.client import Client
 from slowtime_services.documents.document_files import read_json_file
 from twin_server.events.asset_events import AssetEventOrder, orders_in
 
@@ -30,10 +31,8 @@ def add(twin: str, kind: str | None, file: Path | None, server: str, **given: An
 
 def list_events(twin: str, server: str) -> None:
     """List the events of TWIN, and open questions."""
-    try:
+    with server_errors_told():
         told = Client(server).recorded_events(twin)
-    except (AnswerError, UnreachableError) as error:
-        raise click.ClickException(str(error)) from error
     columns = ("event", "kind", "quantity", "slow_time", "person", "reversed_by", "sentence")
     plain = [{name: getattr(one, name) for name in columns} for one in told.events]
     rows = [["" if one[name] is None else str(one[name]) for name in columns] for one in plain]
@@ -48,10 +47,8 @@ def undo(
 ) -> None:
     """Take an event of TWIN back."""
     client = Client(server)
-    try:
+    with server_errors_told():
         told = client.undo_event(twin, reverses, name=event, person=person, text=text)
-    except (AnswerError, UnreachableError) as error:
-        raise click.ClickException(str(error)) from error
     click.echo(told.sentence)
 
 
@@ -76,10 +73,8 @@ def order_json(order: AssetEventOrder) -> dict[str, Any]:
 
 
 def _record(client: Client, twin: str, body: Mapping[str, Any]) -> Any:
-    try:
+    with server_errors_told():
         return client.record_event(twin, body)
-    except (AnswerError, UnreachableError) as error:
-        raise click.ClickException(str(error)) from error
 
 
 def _body(kind: str, given: Mapping[str, Any]) -> dict[str, Any]:

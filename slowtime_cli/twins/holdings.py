@@ -6,17 +6,16 @@ from typing import Any
 import click
 
 from slowtime_cli.shared.terminal import note, show
-from slowtime_services.client import AnswerError, Client, UnreachableError
+from slowtime_cli.twins.twin_query import server_errors_told
+from slowtime_services.client import Client
 
 COLUMNS = ("id", "kind", "what", "site", "token", "since")
 
 
 def show_all(server: str) -> None:
     """Show what is under way."""
-    try:
+    with server_errors_told():
         told = Client(server).holdings()
-    except (AnswerError, UnreachableError) as error:
-        raise click.ClickException(str(error)) from error
     plain = [_row(one) for one in told["holdings"]]
     show("", COLUMNS, [[str(row[name]) for name in COLUMNS] for row in plain], plain=plain)
     if not plain:
@@ -25,10 +24,8 @@ def show_all(server: str) -> None:
 
 def cancel(holding: str, server: str) -> None:
     """End what has an id."""
-    try:
+    with server_errors_told():
         left = Client(server).cancel(holding)["holdings"]
-    except (AnswerError, UnreachableError) as error:
-        raise click.ClickException(str(error)) from error
     click.echo(f"{holding} is being ended. {len(left)} are under way for your sites.")
 
 

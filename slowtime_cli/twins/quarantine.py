@@ -5,15 +5,14 @@ import datetime
 import click
 
 from slowtime_cli.shared.terminal import note, show
-from slowtime_services.client import AnswerError, Client, UnreachableError
+from slowtime_cli.twins.twin_query import server_errors_told
+from slowtime_services.client import Client
 
 
 def list_aside(twin: str, server: str) -> None:
     """Show the messages of TWIN that were set aside."""
-    try:
+    with server_errors_told():
         found = Client(server).quarantine(twin)
-    except (AnswerError, UnreachableError) as error:
-        raise click.ClickException(str(error)) from error
     columns = ("number", "boot", "sequence", "since", "in_history", "why")
     plain = [
         {name: one[name] for name in columns if name != "since"}
@@ -32,17 +31,13 @@ def list_aside(twin: str, server: str) -> None:
 
 def release(twin: str, number: int, server: str) -> None:
     """Try a message of TWIN again."""
-    try:
+    with server_errors_told():
         Client(server).release(twin, number)
-    except (AnswerError, UnreachableError) as error:
-        raise click.ClickException(str(error)) from error
     click.echo(f"Message {number} of {twin} is released; its states were estimated anew.")
 
 
 def drop(twin: str, number: int, server: str) -> None:
     """Delete a message of TWIN that was set aside."""
-    try:
+    with server_errors_told():
         Client(server).drop(twin, number)
-    except (AnswerError, UnreachableError) as error:
-        raise click.ClickException(str(error)) from error
     click.echo(f"Message {number} of {twin} is dropped.")

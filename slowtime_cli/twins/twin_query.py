@@ -1,5 +1,7 @@
 """Which twin is asked: a running server's or one made of a file; and the server's answers."""
 
+import contextlib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -25,6 +27,15 @@ class TwinQuery(NamedTuple):
 def without_none(given: dict[str, Any]) -> dict[str, Any]:
     """Return the entries that are not None."""
     return {name: value for name, value in given.items() if value is not None}
+
+
+@contextlib.contextmanager
+def server_errors_told() -> Iterator[None]:
+    """Report in a sentence what a server refuses, or that it does not answer."""
+    try:
+        yield
+    except (AnswerError, UnreachableError) as error:
+        raise click.ClickException(str(error)) from error
 
 
 def ask_server(

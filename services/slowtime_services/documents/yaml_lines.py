@@ -104,7 +104,7 @@ def _read(
             "colons and quotes.",
         ) from None
     except yaml.YAMLError as error:
-        raise _SyntaxFault(1, f"This is not YAML: {_in_one_line(error)}") from None
+        raise _SyntaxFault(1, f"This is not YAML: {' '.join(str(error).split())}") from None
     finally:
         if loader is not None:
             loader.dispose()
@@ -204,10 +204,6 @@ class _Document:
             raise YamlError(line, f"`{text[:_SHOWN]}` is no value: {error}.") from None
         self._loader.constructed_objects.clear()  # kept for aliases, which there are none of
         return value
-
-
-def _in_one_line(error: yaml.YAMLError) -> str:
-    return " ".join(str(error).split())
 
 
 def _short_number(event: Any) -> int | float | None:

@@ -123,7 +123,7 @@ def looks_like_responses(table: NumberTable) -> bool:
     if table.complex_cells:
         return not np.iscomplex(table.rows[:, 0]).any() and _rises(table.rows[:, 0].real)
     parts = {"real", "imag"} <= set(roles) or {"magnitude", "phase"} <= set(roles)
-    return _is_frequency(table.names[0]) and parts and _rises(table.rows[:, 0].real)
+    return bool(_FREQUENCY.search(table.names[0])) and parts and _rises(table.rows[:, 0].real)
 
 
 def _rises(values: np.ndarray) -> bool:
@@ -132,10 +132,6 @@ def _rises(values: np.ndarray) -> bool:
 
 def _role(name: str) -> str:
     return next((role for role, word in _WORDS.items() if word.search(name)), "")
-
-
-def _is_frequency(name: str) -> bool:
-    return bool(_FREQUENCY.search(name))
 
 
 def curves_of_table(file: str, table: NumberTable) -> tuple[list[FrfCurve], tuple[str, ...]]:

@@ -17,6 +17,7 @@ from slowtime.discrepancy.candidates.parameter_scan import (
     has_strength,
 )
 from slowtime.discrepancy.selection.acceptance import is_second_curve
+from slowtime.discrepancy.selection.trial_order import fitted_numbers
 from slowtime.dynamics.description import Spring
 from slowtime.dynamics.effects import Effect, Friction, Kind, Law, Place
 
@@ -66,7 +67,7 @@ class FreeRunScan:
             if nearest is not None and math.isfinite(nearest[0]):
                 found.append((nearest[0], nearest[2]))
         # Before it is fitted, a free run ranks laws of as many parameters, and no others.
-        found.sort(key=lambda one: (_parameters(given.kinds[one[1].kind]), one[0]))
+        found.sort(key=lambda one: (fitted_numbers(given.kinds[one[1].kind]), one[0]))
         bare = given.before.chi2_in_band * given.before.data
         # What a free run leaves before its fit says nothing of what it leaves after.
         cost = min((one.cost for one in given.shortlist), default=0.0)
@@ -74,10 +75,6 @@ class FreeRunScan:
             self.name,
             tuple(Candidate(one, cost, -cost / 2, bare) for _, one in found[:MAX_LAWS]),
         )
-
-
-def _parameters(kind: Kind) -> int:
-    return sum(parameter.fitted for parameter in kind.parameters)
 
 
 def _sites(given: Round) -> Iterator[tuple[Kind, Place]]:
@@ -93,7 +90,7 @@ def _sites(given: Round) -> Iterator[tuple[Kind, Place]]:
         and not kind.is_by_record
         and not kind.states
         and not (isinstance(kind.action, Law) and kind.action.switches)
-        and _parameters(kind) <= MAX_PARAMETERS
+        and fitted_numbers(kind) <= MAX_PARAMETERS
     ]
     for element in description.elements:
         if not isinstance(element, Spring):

@@ -60,7 +60,7 @@ def near_first(
     far = {label_of(one.effect) for one in candidates if one.cost >= reach}
 
     def turn(one: Candidate) -> tuple[bool, int]:
-        return label_of(one.effect) in far, _numbers(kinds[one.effect.kind])
+        return label_of(one.effect) in far, fitted_numbers(kinds[one.effect.kind])
 
     return sorted(candidates, key=turn), far
 
@@ -71,17 +71,17 @@ def simple_first(candidates: Sequence[Candidate], kinds: Mapping[str, Kind]) -> 
 
     def turn(one: Candidate) -> tuple[bool, int]:
         near = one.cost <= reach
-        return not near, _numbers(kinds[one.effect.kind]) if near else 0
+        return not near, fitted_numbers(kinds[one.effect.kind]) if near else 0
 
     return sorted(candidates, key=turn)
 
 
-def _numbers(kind: Kind) -> int:
+def fitted_numbers(kind: Kind) -> int:
     """How many numbers of a kind are fitted."""
     return sum(parameter.fitted for parameter in kind.parameters)
 
 
 def is_enough(best: FittedCandidate, untried: Effect, kinds: Mapping[str, Kind]) -> bool:
     """Whether one explains all, by fewer numbers than the first that was not tried has."""
-    fewer = _numbers(kinds[best.effect.kind]) < _numbers(kinds[untried.kind])
+    fewer = fitted_numbers(kinds[best.effect.kind]) < fitted_numbers(kinds[untried.kind])
     return fewer and chi2_p_value(best.fit) > LIMITS.white_p_value

@@ -139,7 +139,7 @@ def identify_modes(
     sharp, others = _sharp(spectrum, found, edges, highest)
     chosen = [Chosen(found[k], members[k], fit) for k, fit in sharp]
     if most is not None:
-        asked = [o for o in chosen if checks.is_inside(_natural_hz(o.fit.pole), band_hz)]
+        asked = [o for o in chosen if checks.is_inside(abs(o.fit.pole) / (2 * np.pi), band_hz)]
         chosen = sorted(asked, key=lambda one: -one.fit.evidence)[:most]
     if selection is not None:
         chosen = edited(spectrum, chosen, others, poles, selection, (edges[0], highest))
@@ -182,10 +182,6 @@ class _Units:
 
 def _frequency(mode: Mode) -> float:
     return mode.frequency_hz.value
-
-
-def _natural_hz(pole: complex) -> float:
-    return abs(pole) / (2 * np.pi)
 
 
 def modelled_band(

@@ -173,3 +173,12 @@ def combine_products(
     error = (products - pairs[:, :, None, None] * mean) / total[:, None, None]
     spread = np.tensordot(waves, error, axes=1)
     return Correlations(mean, spread, rate_hz, float(weight.sum()) / rate_hz, centre_hz)
+
+
+def block_hankel(
+    lagged: Inexact[np.ndarray, "lag channel reference"], rows: int, columns: int
+) -> Inexact[np.ndarray, "row column"]:
+    """Hankel matrix whose block (i, j) is the correlation at lag i + j."""
+    index = np.arange(rows)[:, None] + np.arange(columns)
+    blocks = lagged[index].transpose(0, 2, 1, 3)
+    return np.asarray(blocks.reshape(rows * lagged.shape[1], columns * lagged.shape[2]))

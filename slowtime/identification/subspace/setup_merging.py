@@ -32,7 +32,7 @@ from slowtime.identification.estimates import Measured
 from slowtime.identification.mode_shapes.scaling import normalise_with_errors
 from slowtime.identification.modes import Mode
 
-from .correlations import Correlations, correlation_matrices
+from .correlations import Correlations, block_hankel, correlation_matrices
 from .poles import Poles
 from .stabilisation import StablePole, find_stable_poles
 
@@ -181,9 +181,8 @@ def _solve(
         at = [int(np.flatnonzero(places == k)[0]) for k in range(count)]
         # Set-ups count by their length, not by how strongly the structure was excited.
         level = np.sqrt(np.trace(mean[0][at].real))
-        hankels.append(
-            (_hankel(mean[1:, at], rows) / level, _hankel(mean[1:], 1, rows) / level)
-        )
+        own, whole = block_hankel(mean[1:, at], rows, rows), block_hankel(mean[1:], 1, rows)
+        hankels.append((own / level, whole / level))
     joined = np.concatenate([own for own, _ in hankels], axis=1)
     u, s, _ = scipy.linalg.svd(joined, full_matrices=False)
     found = []
@@ -201,13 +200,6 @@ def _solve(
         shape /= np.linalg.norm(shape, axis=0)
         found.append((np.log(eigenvalue[keep]) * rate_hz, shape))
     return found
-
-
-def _hankel(lagged: np.ndarray, rows: int, columns: int | None = None) -> np.ndarray:
-    columns = rows if columns is None else columns
-    index = np.arange(rows)[:, None] + np.arange(columns)
-    blocks = lagged[index].transpose(0, 2, 1, 3)
-    return np.asarray(blocks.reshape(rows * lagged.shape[1], columns * lagged.shape[2]))
 
 
 def _poles(

@@ -28,7 +28,7 @@ from jaxtyping import Float, Inexact
 
 from slowtime.identification import checks
 
-from .correlations import Correlations, correlation_matrices
+from .correlations import Correlations, block_hankel, correlation_matrices
 from .model_orders import (
     WeightedSubspace,
     Whitening,
@@ -138,13 +138,15 @@ def identify_poles(
         )
     mean = correlations.mean[first_lag:needed]
     draws = correlations.draws[:, first_lag:needed]
-    hankel = _hankel(mean, block_rows)
+    hankel = block_hankel(mean, block_rows, block_rows)
     past, future = _whitening(correlations, block_rows, weighting, mixing)
     u, s, vh = scipy.linalg.svd(future.left @ hankel @ past.left, full_matrices=False)
     largest = min(largest, int(np.count_nonzero(s > 1e-13 * s[0])))
     gamma = future.inverse @ u[:, :largest]
     reached = past.left @ (vh[:largest].conj().T / s[:largest])
-    errors = np.stack([future.left @ (_hankel(draw, block_rows) @ reached) for draw in draws])
+    errors = np.stack(
+        [future.left @ (block_hankel(draw, block_rows, block_rows) @ reached) for draw in draws]
+    )
     subspace = WeightedSubspace(
         u[:, :largest], gamma, errors, future.inverse, channels, correlations.rate_hz
     )
@@ -154,14 +156,6 @@ def identify_poles(
     else:
         parts = poles_of_orders(subspace, chosen, correlations.centre_hz, errors_within)
     return joined_poles(parts, correlations.duration_s)
-
-
-def _hankel(lagged: np.ndarray, rows: int) -> np.ndarray:
-    """Block (i, j) is lag i + j."""
-    columns = len(lagged) - rows + 1
-    index = np.arange(rows)[:, None] + np.arange(columns)
-    blocks = lagged[index].transpose(0, 2, 1, 3)
-    return np.asarray(blocks.reshape(rows * lagged.shape[1], columns * lagged.shape[2]))
 
 
 def _toeplitz(lagged: np.ndarray, rows: int) -> np.ndarray:

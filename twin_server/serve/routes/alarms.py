@@ -5,7 +5,6 @@ from typing import Annotated, Any, Protocol
 
 from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from pydantic import ConfigDict, Field
-from pydantic_core import to_json
 
 from slowtime_schemas.answers import alarms as models
 from slowtime_schemas.quantities import Immutable, Plain
@@ -15,6 +14,7 @@ from twin_server.identity.principals import principal_of
 from twin_server.registration.twin import Registration
 from twin_server.serve.http import problems
 from twin_server.serve.http.document_route import DocumentRoute
+from twin_server.serve.state_rendering import json_response
 
 from .twin_path import TwinId
 
@@ -99,7 +99,7 @@ def routes(
     @api.get("/twins/{twin_id}/alarms", response_model=models.AlarmList, responses=_PROBLEMS)
     def list_alarms(twin_id: TwinId, registration: Known, limit: Limit = 100) -> Response:
         """Alarms among the newest events: which hold still, and who has acknowledged them."""
-        return _json({"id": twin_id, "alarms": alarm_service.alarms(twin_id, limit)})
+        return json_response({"id": twin_id, "alarms": alarm_service.alarms(twin_id, limit)})
 
     @api.get(
         "/twins/{twin_id}/alarms/deliveries",
@@ -108,7 +108,7 @@ def routes(
     )
     def deliveries(twin_id: TwinId, registration: Known, limit: Limit = 100) -> Response:
         """Whom events have reached: what waits, was delivered or given up; last errors."""
-        return _json(alarm_service.deliveries(twin_id, limit))
+        return json_response(alarm_service.deliveries(twin_id, limit))
 
     @api.post(
         "/twins/{twin_id}/alarms/test",
@@ -121,7 +121,7 @@ def routes(
     ) -> Response:
         """Send a test alarm to the receivers of the twin's routes, or to one of them."""
         by = principal_of(request.scope).name
-        return _json(alarm_service.test(twin_id, order.receiver, by), 202)
+        return json_response(alarm_service.test(twin_id, order.receiver, by), 202)
 
     @api.post(
         "/twins/{twin_id}/alarms/{event_id}/acknowledge",
@@ -138,10 +138,6 @@ def routes(
         """Say that somebody has taken note of an alarm; it reminds nobody any more."""
         name = principal_of(request.scope).name
         by = order.by or name
-        return _json(alarm_service.acknowledge(twin_id, event_id, by, name, order.note))
+        return json_response(alarm_service.acknowledge(twin_id, event_id, by, name, order.note))
 
     return api
-
-
-def _json(content: object, status: int = 200) -> Response:
-    return Response(to_json(content), status, media_type="application/json")

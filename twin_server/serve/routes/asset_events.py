@@ -4,7 +4,6 @@ from collections.abc import Awaitable, Callable
 from typing import Annotated, Any, Protocol
 
 from fastapi import APIRouter, Depends, Request, Response
-from pydantic_core import to_json
 
 from slowtime_schemas.answers.asset_events import AssetEventList, AssetEventModel
 from twin_server.events.asset_events import AssetEventOrder
@@ -13,6 +12,7 @@ from twin_server.registration.twin import Registration
 from twin_server.serve.http import problems
 from twin_server.serve.http.bounded_threads import BoundedThreads
 from twin_server.serve.http.document_route import DocumentRoute
+from twin_server.serve.state_rendering import json_response
 
 from .twin_path import TwinId
 
@@ -75,7 +75,7 @@ def routes(
         told, new = await recording.run(
             lambda: asset_event_service.record(twin_id, registration, order, name)
         )
-        return _json(told, 201 if new else 200)
+        return json_response(told, 201 if new else 200)
 
     @api.get(
         "/twins/{twin_id}/events/recorded",
@@ -84,10 +84,6 @@ def routes(
     )
     async def recorded(twin_id: TwinId, registration: Known) -> Response:
         """List what people have recorded, and the questions whether something was repaired."""
-        return _json(await recording.run(lambda: asset_event_service.listed(twin_id)))
+        return json_response(await recording.run(lambda: asset_event_service.listed(twin_id)))
 
     return api
-
-
-def _json(content: object, status: int = 200) -> Response:
-    return Response(to_json(content), status, media_type="application/json")
