@@ -161,7 +161,7 @@ class Costs:
 
 
 def discount(time: Float[np.ndarray, " time"], rate: float) -> Float[np.ndarray, " time"]:
-    """Weight exp(-r t) of a payment at each time.
+    """Weight exp(-r t) of a payment at each time [1].
 
     Parameters
     ----------
@@ -169,9 +169,5 @@ def discount(time: Float[np.ndarray, " time"], rate: float) -> Float[np.ndarray,
         Times from now [time].
     rate
         Discount rate r [1/time].
-
-    Returns
-    -------
-    Weights [1].
     """
     return np.exp(-rate * time)

@@ -83,6 +83,8 @@ def continuations(
 
     Parameters
     ----------
+    costs
+        Costs of all items.
     mean_rate, variance, acceleration
         M and q [1/time], and c [1], of the fleet.
     epochs, step
@@ -129,6 +131,8 @@ def decide(
     ----------
     pooled
         What is believed of each asset.
+    costs
+        Costs of all items.
     follow
         V after a renewal.
     epochs, step

@@ -73,10 +73,6 @@ def importance_sample(
     starts
         Points near which the posterior may be greatest, where they are known.
 
-    Returns
-    -------
-    Points with importance weights.
-
     References
     ----------
     .. [1] J.-M. Cornuet et al., "Adaptive multiple importance sampling" (2012).
@@ -124,10 +120,6 @@ def normal_log_density(points: np.ndarray) -> Float[np.ndarray, " point"]:
     ----------
     points
         Points [point, parameter].
-
-    Returns
-    -------
-    Logarithm of the density at each point.
     """
     size = points.shape[1]
     return np.asarray(-0.5 * np.sum(points**2, axis=1) - 0.5 * size * np.log(2.0 * np.pi))

@@ -41,6 +41,10 @@ def surviving_futures(
     points, paths, seed
         As for `mixture.Mixture.futures`.
 
+    Returns
+    -------
+    The futures.
+
     References
     ----------
     .. [1] C. K. Carter and R. Kohn, "On Gibbs sampling for state space models" (1994).

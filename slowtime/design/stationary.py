@@ -26,16 +26,12 @@ def state_matrices(
     damping: Float[np.ndarray, "row dof dof"],
     stiffness: Float[np.ndarray, "row dof dof"],
 ) -> States:
-    r"""State matrix of :math:`(q, \dot q)` for each row.
+    r"""State matrix of :math:`(q, \dot q)` for each row [row, state, state].
 
     Parameters
     ----------
     mass, damping, stiffness
         Matrices of each row, in SI units.
-
-    Returns
-    -------
-    State matrices [row, state, state].
     """
     rows, dofs, _ = mass.shape
     below = -np.linalg.solve(mass, np.concatenate([stiffness, damping], axis=2))

@@ -279,12 +279,7 @@ only."""
 
 
 def accelerometer(node: str, *, unit: str = "m/s^2") -> Sensor:
-    """Put an absolute accelerometer on a node, its channel called ``a_`` and the node.
-
-    Returns
-    -------
-    Sensor.
-    """
+    """Put an absolute accelerometer on a node, its channel called ``a_`` and the node."""
     return Sensor(channel=f"a_{node}", quantity="acceleration", node=node, unit=unit)
 
 

@@ -99,7 +99,7 @@ def rayleigh_coefficients(
 
 
 def modal_damping(mass: Square, stiffness: Square, damping_ratios: Series | float) -> Square:
-    r"""Damping matrix that gives each undamped mode its damping ratio.
+    r"""Damping matrix that gives each undamped mode its damping ratio [N s/m].
 
     .. math:: C = M X \operatorname{diag}(2 \zeta_j \omega_j) X^T M
 
@@ -111,10 +111,6 @@ def modal_damping(mass: Square, stiffness: Square, damping_ratios: Series | floa
         Stiffness matrix [N/m].
     damping_ratios
         Damping ratios, lowest mode first [1].
-
-    Returns
-    -------
-    Damping matrix [N s/m].
     """
     squares, shapes = scipy.linalg.eigh(stiffness, mass)
     omega = np.sqrt(np.maximum(squares, 0.0))

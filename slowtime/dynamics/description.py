@@ -175,6 +175,10 @@ def assemble_parts(description: Description) -> Parts:
     ----------
     description
         Structure in terms of nodes and elements.
+
+    Returns
+    -------
+    Matrices by node and element.
     """
     parts: dict[str, dict[str, Square]] = {"mass": {}, "damping": {}, "stiffness": {}}
     for what, name, matrix in _contributions(description):

@@ -130,6 +130,8 @@ def factored_shapes(structure: Structure, frequencies: Frequencies | None = None
 
     Parameters
     ----------
+    structure
+        Structure with its matrices.
     frequencies
         :math:`\lambda_j` [rad/s]; those of eq. 3.217 where not given.
 

@@ -28,16 +28,12 @@ class Shaping:
     output_vector: Float[np.ndarray, " state"]
 
     def density(self, frequency_hz: Frequencies) -> Frequencies:
-        """Gain of the filter in a spectral density.
+        """Gain of the filter in a spectral density [1].
 
         Parameters
         ----------
         frequency_hz
             Frequencies [Hz].
-
-        Returns
-        -------
-        Gain [1].
         """
         s = 2j * np.pi * frequency_hz[:, None, None]
         inner = s * np.eye(len(self.state_matrix)) - self.state_matrix

@@ -122,10 +122,6 @@ def state_matrix(structure: Structure) -> Float[np.ndarray, "state state"]:
     ----------
     structure
         Mass, damping and stiffness matrices [kg, N s/m, N/m].
-
-    Returns
-    -------
-    State matrix.
     """
     dofs = structure.dofs
     factor = scipy.linalg.cho_factor(structure.mass)

@@ -70,7 +70,7 @@ def laplace_response(
     displacement: Float[np.ndarray, " dof"] | None = None,
     velocity: Float[np.ndarray, " dof"] | None = None,
 ) -> Complex[np.ndarray, "frequency dof"]:
-    r"""Laplace transform of the displacement, from any initial state under any force.
+    r"""Laplace transform of the displacement, from any initial state under any force [m s].
 
     .. math:: \bar q(s) = H(s) \{ \bar f(s) + M \dot q_0 + C q_0 + s M q_0 \}
 
@@ -84,10 +84,6 @@ def laplace_response(
         :math:`\bar f(s)`, transformed.
     displacement, velocity
         At time zero; at rest where not given.
-
-    Returns
-    -------
-    Transformed displacement [m s].
     """
     rest = np.zeros(structure.dofs)
     q0 = rest if displacement is None else displacement

@@ -79,10 +79,6 @@ def unit_factor(unit: str, quantity: Quantity, coordinate: UnitOfCoordinate = "m
     coordinate
         Unit of the coordinate.
 
-    Returns
-    -------
-    Factor.
-
     Examples
     --------
     >>> unit_factor("mm/s^2", "acceleration")

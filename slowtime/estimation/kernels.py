@@ -35,16 +35,12 @@ def rate(smoothness: float, length: np.ndarray | float) -> np.ndarray:
 
 
 def stationary(smoothness: float) -> Float[np.ndarray, "state state"]:
-    """Stationary covariance of the state of a Matérn process of unit variance.
+    """Stationary covariance of the state of a Matérn process of unit variance [1].
 
     Parameters
     ----------
     smoothness
         Smoothness: 0.5, 1.5 or 2.5 [1].
-
-    Returns
-    -------
-    Covariance [1].
     """
     if smoothness == 0.5:
         return np.ones((1, 1))
@@ -57,7 +53,7 @@ def stationary(smoothness: float) -> Float[np.ndarray, "state state"]:
 def matern_transition(
     smoothness: float, s: Float[np.ndarray, "*batch"]
 ) -> Float[np.ndarray, "*batch state state"]:
-    r"""Transition of the state of a Matérn process over a time.
+    r"""Transition of the state of a Matérn process over a time [1].
 
     The generator has the one eigenvalue -1, so its exponential is :math:`e^{-s}` times a
     polynomial of degree `smoothness` - 1/2.
@@ -68,10 +64,6 @@ def matern_transition(
         Smoothness: 0.5, 1.5 or 2.5 [1].
     s
         Time, in units of :math:`1 / \lambda` [1].
-
-    Returns
-    -------
-    Transitions [1].
     """
     entries = [[np.ones_like(s)]] if smoothness == 0.5 else _polynomials(smoothness, s)
     rows = [np.stack(row, axis=-1) for row in entries]

@@ -138,16 +138,12 @@ class SNCurve:
             return np.asarray(1.0 / self.damage(ranges))
 
     def slopes(self, ranges: Values) -> Values:
-        """Slope of the curve at each range.
+        """Slope of the curve at each range [1].
 
         Parameters
         ----------
         ranges
             Stress ranges [unit of stress].
-
-        Returns
-        -------
-        Slopes [1].
         """
         lower = self.slope if self.lower_slope is None else self.lower_slope
         return np.asarray(np.where(ranges < self.knee, lower, self.slope))

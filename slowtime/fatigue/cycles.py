@@ -147,10 +147,6 @@ def residue_cycles(residue: Points) -> Cycles:
     ----------
     residue
         Turning points whose ranges are not closed [unit of stress].
-
-    Returns
-    -------
-    The half cycles.
     """
     return cycles_of(residue[:-1], residue[1:], 0.5)
 

@@ -88,7 +88,7 @@ class SpectralMoments:
 
 
 def damage_rate(moments: SpectralMoments, curve: SNCurve, method: str = "dirlik") -> float:
-    """Damage per second by Gaussian stress of zero mean.
+    """Damage per second by Gaussian stress of zero mean [1/s].
 
     Parameters
     ----------
@@ -100,10 +100,6 @@ def damage_rate(moments: SpectralMoments, curve: SNCurve, method: str = "dirlik"
         ``"narrow_band"``: exact for a narrow band, too much otherwise; ``"wirsching_light"``
         corrects it by a factor, ``"tovo_benasciutti"`` between two bounds; ``"dirlik"`` fits
         the distribution of rainflow ranges.
-
-    Returns
-    -------
-    Damage per second [1/s].
 
     Examples
     --------

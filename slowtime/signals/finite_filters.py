@@ -16,7 +16,7 @@ LEAST_BLOCK = 4096
 
 
 def taper(name: str, count: int) -> Float[np.ndarray, " time"]:
-    r"""Periodic window function.
+    r"""Periodic window function [1].
 
     .. math:: h_n = \tfrac12 (1 - \cos(2 \pi n / N))
 
@@ -28,10 +28,6 @@ def taper(name: str, count: int) -> Float[np.ndarray, " time"]:
         Name of the window.
     count
         Number of samples.
-
-    Returns
-    -------
-    Window [1].
 
     Raises
     ------

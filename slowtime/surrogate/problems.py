@@ -93,7 +93,7 @@ def ishigami_sobol(a: float = 7.0, b: float = 0.1) -> tuple[np.ndarray, np.ndarr
 
 
 def borehole(x: Inputs) -> Outputs:
-    """Flow of water through a borehole.
+    """Flow of water through a borehole [m³/yr].
 
     Parameters
     ----------
@@ -101,10 +101,6 @@ def borehole(x: Inputs) -> Outputs:
         Radius of the borehole [m], radius of influence [m], transmissivity [m²/yr] and head [m]
         of the upper aquifer, the same of the lower one, length [m] and conductivity [m/yr] of
         the borehole [sample, 8].
-
-    Returns
-    -------
-    Flow [m³/yr].
 
     References
     ----------

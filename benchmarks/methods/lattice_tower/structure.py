@@ -146,10 +146,6 @@ def draw_tower(layout: TowerLayout) -> Tower:
     ----------
     layout
         How tall the tower is, and how finely it is divided.
-
-    Returns
-    -------
-    The tower.
     """
     tower = Tower(layout, [], np.zeros((0, 3)), [], [])
     places: list[np.ndarray] = []

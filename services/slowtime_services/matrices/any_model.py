@@ -29,10 +29,6 @@ def read_any_description(
     note
         Told what was reduced and left out.
 
-    Returns
-    -------
-    The description.
-
     Raises
     ------
     ModelFileError, MatrixFileError

@@ -96,10 +96,6 @@ def describe_reduced(
     trials
         Random parameters at which it is verified by full solutions.
 
-    Returns
-    -------
-    The description and the reduced model.
-
     Raises
     ------
     MatrixFileError

@@ -66,7 +66,7 @@ class Completed:
 
 
 def inflation_of(missing: float, spread: float) -> float:
-    """Return the factor of standard deviations by which the loss of samples counts.
+    """Return the factor of standard deviations by which the loss of samples counts [1].
 
     A share p of the samples is missing, and a share e of their variance does not follow
     from the others. What was measured is 1 - p of the information; a single draw adds the
@@ -78,10 +78,6 @@ def inflation_of(missing: float, spread: float) -> float:
         p [1].
     spread
         e [1].
-
-    Returns
-    -------
-    Factor [1].
 
     References
     ----------

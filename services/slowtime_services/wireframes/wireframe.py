@@ -97,10 +97,6 @@ def wireframe_of(model: MatrixModel, most: int = MOST_NODES) -> Wireframe:
     most
         Nodes that are drawn at most.
 
-    Returns
-    -------
-    The wireframe.
-
     Raises
     ------
     MatrixFileError

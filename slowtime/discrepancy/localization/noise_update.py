@@ -32,10 +32,6 @@ def update_noise(
     ----------
     trials
         Their lines in the band where the force was estimated.
-
-    Returns
-    -------
-    The lines with the new noise.
     """
     powers = []
     for record, residual, trial, force in zip(

@@ -315,12 +315,7 @@ def opaque(number: int) -> int:
 
 @compiled
 def address(matrix: Reals, row: int, column: int) -> int:
-    """Memory address of an entry of a matrix.
-
-    Returns
-    -------
-    Address [bytes].
-    """
+    """Memory address of an entry of a matrix [bytes]."""
     return int(matrix.ctypes.data + 8 * (row * matrix.shape[1] + column))
 
 

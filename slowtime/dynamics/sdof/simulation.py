@@ -145,6 +145,8 @@ def ambient_acceleration(
 
     Parameters
     ----------
+    oscillator
+        Mass, damping and stiffness.
     samples, rate_hz
         Length and rate of the record.
     rng

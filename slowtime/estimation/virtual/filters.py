@@ -86,10 +86,6 @@ def make_filters(
         Models with their latent forces.
     levels
         Covariance of latent forces and noises.
-
-    Returns
-    -------
-    Filters of all models.
     """
     closed, gains, variances, priors = [], [], [], []
     noise = np.diag(levels.noise)

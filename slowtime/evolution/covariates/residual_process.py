@@ -26,16 +26,12 @@ class ResidualProcess:
     noise: float
 
     def kept(self, elapsed: float | np.ndarray) -> np.ndarray:
-        """Autocorrelation of a(t) at a lag.
+        """Autocorrelation of a(t) at a lag [1].
 
         Parameters
         ----------
         elapsed
             Lag [slow time].
-
-        Returns
-        -------
-        Autocorrelation [1].
         """
         return np.asarray(np.exp(-np.asarray(elapsed) / self.memory))
 
@@ -59,10 +55,6 @@ def log_evidence(
         Standard deviations of the readings, in their unit.
     features
         Basis functions, one row per reading.
-
-    Returns
-    -------
-    Log-evidence.
     """
     variance = sd**2 + wander.noise**2
     kept = wander.kept(np.diff(time))

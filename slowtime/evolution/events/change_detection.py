@@ -196,10 +196,6 @@ class ChangeDetector:
             State before the reading.
         since
             Slow time of the reading before the jump.
-
-        Returns
-        -------
-        New state.
         """
         assert state.rivals is not None
         best = int(np.flatnonzero(state.since == since)[-1])

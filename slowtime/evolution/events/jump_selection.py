@@ -70,10 +70,6 @@ class ScoredHistory:
         """Log-likelihood that each of several jumps must gain, given the others.
 
         Odds of `JUMP_ODDS`, where a jump is as likely beforehand as so many among all readings.
-
-        Returns
-        -------
-        Least gain.
         """
         return float(np.log(JUMP_ODDS * len(self.time) / max(jumps, 1)))
 
@@ -127,10 +123,6 @@ class ScoredHistory:
         ----------
         places
             Indices of the readings after the jumps.
-
-        Returns
-        -------
-        History with the new prior.
         """
         if not places:
             return self

@@ -385,6 +385,10 @@ def prior_of(time: Series, values: Series) -> tuple[HyperparameterPrior, SlowPro
         Times of the readings [slow time].
     values
         Readings.
+
+    Returns
+    -------
+    Prior, and process.
     """
     prior, base = hyperparameters.weak_prior(time, values, straight=True)
     span = time[-1] - time[0]

@@ -110,16 +110,12 @@ def period_of(time: Usable, value: Usable, sd: Usable) -> float | None:
 
 
 def rounds_of(time: Usable) -> Float[np.ndarray, " tried"]:
-    """Numbers of periods in a history that the search tries.
+    """Numbers of periods in a history that the search tries [1].
 
     Parameters
     ----------
     time
         Times of the readings [slow time].
-
-    Returns
-    -------
-    Numbers of periods [1].
     """
     span, gap = float(time[-1] - time[0]), float(np.median(np.diff(time)))
     return np.arange(_ROUNDS, min(_FASTEST * span / gap, _MOST_ROUNDS), 0.25)

@@ -71,6 +71,13 @@ class Ageing:
     def past(self, name: Name, level: float = 0.95) -> ConstantBand:
         """Estimate of one constant at the epochs, given all of them.
 
+        Parameters
+        ----------
+        name
+            Name of the constant.
+        level
+            Probability of the interval.
+
         Returns
         -------
         Mean and interval at each epoch.
@@ -114,6 +121,8 @@ class Ageing:
             Time not before the last epoch.
         count
             Number of draws.
+        rng
+            Generator of the draws.
 
         Returns
         -------

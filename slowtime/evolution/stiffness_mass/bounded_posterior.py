@@ -173,16 +173,12 @@ class MassScale:
         return steep
 
     def mass_and_derivatives(self, ratio: Series) -> tuple[Series, Series, Series]:
-        r"""Mass over the nominal one, and its first two derivatives to the frequency ratio.
+        r"""Mass over the nominal one, and its first two derivatives to the frequency ratio [1].
 
         From :math:`r^2 \mu^2 - \mu + \zeta_0^2 = 0` with
         :math:`q = 2 r^2 \mu - 1 = \sqrt{1 - 4 r^2 \zeta_0^2}`:
         :math:`\mu' = -2 r \mu^2 / q` and
         :math:`\mu'' = -2 \mu^2/q + 8 r^2 \mu^3/q^2 - 8 r^2 \mu^2 \zeta_0^2/q^3`.
-
-        Returns
-        -------
-        Mass ratio and its two derivatives [1].
         """
         z2, r2 = np.square(self.damping_ratio_0), ratio**2
         q = np.sqrt(np.maximum(1.0 - 4.0 * r2 * z2, 1e-12))

@@ -262,7 +262,7 @@ def total_misfit(
 def check_prior(
     structure: UpdatableModel, prior_sd: Float[np.ndarray, " parameter"] | float
 ) -> Float[np.ndarray, " parameter"]:
-    """Check the prior standard deviations, and make one for each parameter.
+    """Check the prior standard deviations, and make one for each parameter [1].
 
     Parameters
     ----------
@@ -270,10 +270,6 @@ def check_prior(
         Nominal structure and its variable parts.
     prior_sd
         Standard deviation of the logarithm of a factor [1], one for all or one each.
-
-    Returns
-    -------
-    One standard deviation for each parameter [1].
 
     Raises
     ------

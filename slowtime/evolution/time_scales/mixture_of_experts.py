@@ -104,7 +104,21 @@ def fit(
 
 
 def log_density(value: Series, mean: np.ndarray, sd: np.ndarray) -> np.ndarray:
-    """Log-density of a Gaussian."""
+    """Log-density of a Gaussian.
+
+    Parameters
+    ----------
+    value
+        Values.
+    mean
+        Means.
+    sd
+        Standard deviations.
+
+    Returns
+    -------
+    Log-density of each.
+    """
     return np.asarray(-0.5 * ((value - mean) / sd) ** 2 - np.log(sd * np.sqrt(2.0 * np.pi)))
 
 

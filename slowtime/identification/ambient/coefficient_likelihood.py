@@ -83,10 +83,6 @@ class FourierCoefficients:
         parameters
             One row per case: f [Hz], zeta [1], peak and floor of the one-sided density,
             exponent of the force spectrum.
-
-        Returns
-        -------
-        Log-posterior of each case.
         """
         # Of the cases of a difference few differ in more than levels: only levels are a case's.
         place: dict[tuple[float, ...], int] = {}

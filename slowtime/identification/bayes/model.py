@@ -105,10 +105,6 @@ def modes_from_vector(vector: Float[np.ndarray, " parameter"], like: BandModes) 
         Parameters.
     like
         Modes that give what the vector does not hold.
-
-    Returns
-    -------
-    Modes.
     """
     number, channels = like.number, len(like.log_noise)
     free = like.free_mixing

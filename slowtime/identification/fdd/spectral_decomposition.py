@@ -125,16 +125,12 @@ def scaled_coefficients(
 
 
 def kernel_weights(away: Float[np.ndarray, " bin"]) -> Float[np.ndarray, " bin"]:
-    """Weights of ordinates in the spectral average.
+    """Weights of ordinates in the spectral average [1].
 
     Parameters
     ----------
     away
         Distance from the centre [half-widths].
-
-    Returns
-    -------
-    Weights [1]
     """
     return np.asarray(np.maximum(1 - away**2, 0.0) ** 3)
 
@@ -200,10 +196,6 @@ def ordinates_about(
         Centre [Hz].
     half_width_hz
         Half-width of the average [Hz].
-
-    Returns
-    -------
-    Slice of the ordinates, and weights.
     """
     edges = place_hz - half_width_hz, place_hz + half_width_hz
     first, last = np.searchsorted(data.frequency_hz, edges)

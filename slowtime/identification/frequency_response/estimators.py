@@ -70,10 +70,6 @@ def spectral_matrices(
         Transforms of each block.
     averages
         Effective number of independent blocks, where they overlap; by default all.
-
-    Returns
-    -------
-    Spectral matrices.
     """
     count = len(inputs)
     return SpectralMatrices(
@@ -156,13 +152,9 @@ def check_inputs(spectra: SpectralMatrices) -> None:
 def multiple_coherence(
     spectra: SpectralMatrices,
 ) -> Float[np.ndarray, "line output"]:
-    r"""Share of each output that the inputs explain linearly.
+    r"""Share of each output that the inputs explain linearly [1].
 
     .. math:: \gamma^2 = \frac{S_{yx} S_{xx}^{-1} S_{xy}}{S_{yy}}
-
-    Returns
-    -------
-    Coherence [1].
     """
     h1 = _right_solve(spectra.cross, spectra.inputs)
     explained = np.einsum("foi,foi->fo", h1, spectra.cross.conj()).real

@@ -23,10 +23,6 @@ def smoothed_power(
         Expected share of the noise in each of them [1].
     half_width
         Rows on either side.
-
-    Returns
-    -------
-    Smoothed power of each row.
     """
     rows = len(power)
     half_width = min(half_width, max(1, rows // 4))

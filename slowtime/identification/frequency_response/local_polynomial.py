@@ -58,10 +58,6 @@ def local_polynomial(
     inputs, outputs
         Transforms at neighbouring lines, without a window.
 
-    Returns
-    -------
-    The estimate at each line.
-
     Raises
     ------
     ValueError

@@ -28,10 +28,6 @@ OVERLAP_LOSS = 1.9
 def block_samples(count: int, blocks: int = BLOCKS) -> int:
     """Length of a block by default: a power of two, of about a sixteenth of the record.
 
-    Returns
-    -------
-    Samples of a block.
-
     Examples
     --------
     >>> block_samples(100_000)

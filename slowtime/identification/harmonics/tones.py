@@ -61,7 +61,7 @@ def strongest_bin(spectra: FourierSpectra, frequency_hz: float) -> int:
 
 
 def line_frequency(seen: NarrowBand, spacing_hz: float) -> Measured:
-    r"""Frequency of a spectral line; its error is that of a tone, or how far it wanders.
+    r"""Frequency of a spectral line; its error is that of a tone, or how far it wanders [Hz].
 
     The coefficients of a tone at place p are :math:`\propto e^{i \pi (p - k)}
     \mathrm{sinc}(p - k)` over the bins k; the best p has the standard deviation
@@ -73,10 +73,6 @@ def line_frequency(seen: NarrowBand, spacing_hz: float) -> Measured:
         Envelope of the band around the line.
     spacing_hz
         Spacing of the bins [Hz].
-
-    Returns
-    -------
-    Frequency and its standard deviation [Hz].
     """
     count = len(seen.envelope)
     bins = np.fft.fft(seen.envelope) / count

@@ -156,10 +156,6 @@ def model_response(
     ----------
     response
         Measurement.
-
-    Returns
-    -------
-    Responses by the model.
     """
     poles = fit.poles
     columns = np.concatenate(

@@ -72,10 +72,6 @@ def residual_columns(
     ----------
     s
         Laplace variable of each row, not 0 [rad/s].
-
-    Returns
-    -------
-    One column a power.
     """
     return np.stack([s**power for power in powers], axis=1)
 

@@ -11,6 +11,11 @@ from jaxtyping import Complex, Float, Num
 def normalised(shape: Num[np.ndarray, " channel"]) -> Complex[np.ndarray, " channel"]:
     """Shape of unit norm whose largest component is real and positive.
 
+    Parameters
+    ----------
+    shape
+        Shape of any norm.
+
     Returns
     -------
     Normalised shape [1].
@@ -199,6 +204,11 @@ def mean_phase_deviation(shape: Num[np.ndarray, " channel"]) -> float:
 
 def real_shape(shape: Num[np.ndarray, " channel"]) -> Float[np.ndarray, " channel"]:
     """Nearest real shape: turned onto the real line, of unit norm, largest component positive.
+
+    Parameters
+    ----------
+    shape
+        Shape of any norm.
 
     Returns
     -------

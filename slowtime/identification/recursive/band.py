@@ -112,10 +112,6 @@ class BandStep:
             State of the band.
         index
             Index of the first sample after the gap.
-
-        Returns
-        -------
-        New state.
         """
         waiting, fading = state.waiting, state.fading
         if state.into is None and state.recent is not None:

@@ -90,12 +90,7 @@ class FrequencyGrid:
         return FadingCoefficients(np.zeros(shape, complex), products, np.zeros(shape))
 
     def after_gap(self, fading: FadingCoefficients) -> FadingCoefficients:
-        """State after a gap: coefficients restart, sums remain.
-
-        Returns
-        -------
-        New state.
-        """
+        """State after a gap: coefficients restart, sums remain."""
         rest = np.zeros_like(fading.coefficients)
         return dataclasses.replace(fading, coefficients=rest, warm_s=0.0)
 

@@ -93,10 +93,6 @@ class BinRange:
             Samples of the frame.
         before
             Number of frames before it.
-
-        Returns
-        -------
-        Complex series of each channel.
         """
         stop = min(self.first + self.number, self.length // 2 + 1)
         index = np.arange(self.first, stop)

@@ -31,10 +31,6 @@ class SampleBuffer:
         ----------
         rows
             Samples of the new block.
-
-        Returns
-        -------
-        New buffer.
         """
         if self.pieces and rows.shape[1] != self.pieces[-1].shape[1]:
             raise ValueError(
@@ -76,10 +72,6 @@ class SampleBuffer:
         ----------
         index
             Index of the first row needed.
-
-        Returns
-        -------
-        New buffer.
         """
         first, kept = self.first_index, list(self.pieces)
         while kept and first + len(kept[0]) <= index:

@@ -212,12 +212,7 @@ def fit_band_model(data: BandData, model: BandModel, *, roughly: bool = False) -
 
 
 def fit_forces(data: BandData, model: BandModel) -> BandModel:
-    """Fit forces, shapes and background roughly, at fixed poles.
-
-    Returns
-    -------
-    Model.
-    """
+    """Fit forces, shapes and background roughly, at fixed poles."""
     still = dataclasses.replace(model, still=True)
     found, *_ = _climbed(data, still, ROUGHLY, FEW_STEPS)
     return dataclasses.replace(found, still=model.still)

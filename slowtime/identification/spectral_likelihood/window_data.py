@@ -46,12 +46,7 @@ class WindowUnits:
         return np.asarray((pole - 1j * self.middle) / self.unit)
 
     def back(self, pole: complex) -> complex:
-        """Pole in physical units.
-
-        Returns
-        -------
-        Pole [rad/s].
-        """
+        """Pole in physical units [rad/s]."""
         return complex(pole * self.unit + 1j * self.middle)
 
 

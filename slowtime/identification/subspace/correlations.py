@@ -65,10 +65,6 @@ def block_products(
         Number of lags.
     length
         Length of a block [samples].
-
-    Returns
-    -------
-    Sums, block by lag by channel by reference.
     """
     blocks = len(references) // length
     used = blocks * length

@@ -68,6 +68,8 @@ def input_output_poles(
     ----------
     inputs, outputs
         Samples of one record, without offsets.
+    rate_hz
+        Sampling rate [Hz].
     highest_hz
         Highest frequency sought [Hz]; the record is decimated to fit.
     order

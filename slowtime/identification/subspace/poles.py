@@ -133,10 +133,6 @@ def rescale_channels(poles: Poles, scale: Float[np.ndarray, " channel"]) -> Pole
         Poles with shapes.
     scale
         Factor of each channel [1].
-
-    Returns
-    -------
-    Poles with scaled shapes.
     """
     return combine_poles(poles, np.diag(scale))
 

@@ -96,6 +96,8 @@ def merge_before(
     ----------
     setups
         Records of the same rate.
+    rate_hz
+        Sampling rate [Hz].
     references
         Channels that all set-ups have.
     block_rows

@@ -53,10 +53,6 @@ def reorder(
         State of each identity.
     epoch
         Number of the epoch.
-
-    Returns
-    -------
-    New order, and events.
     """
     known = [identity for identity in order if identity in tracks]
     fresh = sorted(set(tracks) - set(known), key=lambda i: tracks[i].frequency.mean)

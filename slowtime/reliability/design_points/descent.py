@@ -49,7 +49,7 @@ class Descent:
 
 
 def gradient(g: G, u: np.ndarray, step: float = STEP) -> tuple[float, np.ndarray]:
-    """Compute value and gradient by forward differences, in n + 1 calls.
+    """Compute value and gradient by forward differences, in n + 1 calls [input].
 
     Parameters
     ----------
@@ -59,10 +59,6 @@ def gradient(g: G, u: np.ndarray, step: float = STEP) -> tuple[float, np.ndarray
         Point in standard normal space [input].
     step
         Length of a difference [standard deviations].
-
-    Returns
-    -------
-    Value, and gradient [input].
     """
     values = g(np.concatenate([u[None], u + step * np.eye(len(u))]))
     # Where points count as failed without a value, the slope is no number.

@@ -50,7 +50,7 @@ def sequential(
     correlation: Float[np.ndarray, "part part"],
     rng: np.random.Generator,
 ) -> float:
-    r"""Probability of the union of events :math:`Z_k > \beta_k`, however small.
+    r"""Probability of the union of events :math:`Z_k > \beta_k`, however small [1].
 
     As the sum of the probabilities that event k is the first to happen,
     :math:`P(Z_k > \beta_k, Z_j \le \beta_j, j < k)`, each relative to :math:`\Phi(-\beta_k)` by
@@ -64,10 +64,6 @@ def sequential(
         Matrix of correlations of the variables [1].
     rng
         Generator of the points of the tail.
-
-    Returns
-    -------
-    Probability [1].
     """
     order = np.argsort(betas)
     total = 0.0

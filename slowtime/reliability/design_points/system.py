@@ -171,7 +171,7 @@ def ditlevsen(
 def parallel_bounds(
     betas: Float[np.ndarray, " part"], correlation: Float[np.ndarray, "part part"]
 ) -> tuple[float, float]:
-    """Bounds of the probability of an intersection of half-spaces.
+    """Bounds of the probability of an intersection of half-spaces [1].
 
     The upper one is the least probability of a pair of parts. The lower one is the product of
     the parts' probabilities where no correlation is negative, and 0 otherwise.
@@ -182,10 +182,6 @@ def parallel_bounds(
         Reliability index of each part [1].
     correlation
         Correlations of the parts' safety margins [1].
-
-    Returns
-    -------
-    Lower and upper bound of the probability [1].
     """
     alone = ndtr(-betas)
     pairs = [

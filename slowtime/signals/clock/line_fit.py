@@ -57,31 +57,23 @@ class ClockSpan:
     sum_y: float
 
     def least_s(self, slope: float) -> float:
-        """Least delay beyond a line through the origin.
+        """Least delay beyond a line through the origin [s].
 
         Parameters
         ----------
         slope
             Delay gained per sensor time, the slope of the line [1].
-
-        Returns
-        -------
-        Delay [s].
         """
         x, y = lowest(self.hull, slope)
         return y - slope * x
 
     def lateness_s(self, slope: float) -> float:
-        """Mean delay beyond the least one.
+        """Mean delay beyond the least one [s].
 
         Parameters
         ----------
         slope
             Delay gained per sensor time [1].
-
-        Returns
-        -------
-        Delay [s].
         """
         return (self.sum_y - slope * self.sum_x) / self.count - self.least_s(slope)
 
@@ -143,10 +135,6 @@ def envelope(spans: Sequence[ClockSpan], slope: float, limit: float) -> Points:
         Slope of the line [1].
     limit
         Largest possible slope of the clock line [1].
-
-    Returns
-    -------
-    Points.
     """
     points = np.array([lowest(span.hull, slope) for span in spans])
     return _within(points, limit)

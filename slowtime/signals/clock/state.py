@@ -71,16 +71,12 @@ class ClockState:
         )
 
     def offset(self, slope: float) -> tuple[float, float]:
-        """Delay of the clock itself at the first message, and its standard deviation.
+        """Delay of the clock itself at the first message, and its standard deviation [s].
 
         Parameters
         ----------
         slope
             Delay gained per sensor time [1].
-
-        Returns
-        -------
-        Delay and its standard deviation [s].
         """
         if self.line is not None:
             return self.line.level - slope * self.line.x, self.line.level_sd

@@ -269,12 +269,7 @@ class Expanded:
         return [_size("expansion"), Range("log_interaction", -10.0, 4.0, -1.0, 2.0), *each]
 
     def variances(self, theta: np.ndarray) -> Float[np.ndarray, " term"]:
-        """Prior variance of each coefficient of the expansion.
-
-        Returns
-        -------
-        Variances of the coefficients.
-        """
+        """Prior variance of each coefficient of the expansion."""
         together = np.maximum(np.sum(self.terms > 0, axis=1) - 1, 0)
         exponent = 2.0 * theta[0] + theta[1] * together + self.terms @ theta[2:]
         found: Float[np.ndarray, " term"] = np.exp(exponent)

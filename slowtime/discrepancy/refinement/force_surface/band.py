@@ -18,7 +18,7 @@ SAMPLES = 400
 def surface_band(
     fit: Fit, motion: Motion, number: int = -1, *, instantaneous: bool = False
 ) -> tuple[Float[np.ndarray, " time"], Float[np.ndarray, " time"]]:
-    r"""Force of a fitted surface along a motion, and its standard deviation.
+    r"""Force of a fitted surface along a motion, and its standard deviation [N].
 
     The force is linear in its coefficients, so that within the measured range
     :math:`\sigma^2 = j^T C j` with their covariance :math:`C`, inflated where the model leaves
@@ -33,10 +33,6 @@ def surface_band(
         Of the surface among the effects; the last where not given.
     instantaneous
         Whether each point stands by itself: the part that depends on past motion is left out.
-
-    Returns
-    -------
-    Force and standard deviation [N].
     """
     at = number % len(fit.plant.effects)
     effect = fit.plant.effects[at]

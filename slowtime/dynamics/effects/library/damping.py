@@ -9,7 +9,7 @@ from .parameter_grids import each, levels
 
 
 def drag(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Force of drag, which grows with the square of speed.
+    """Force of drag, which grows with the square of speed [N].
 
     Parameters
     ----------
@@ -23,10 +23,6 @@ def drag(e: float, v: float, t: float, z: Any, p: Any) -> float:
         Internal states; none.
     p
         Coefficient of drag [N s^2/m^2].
-
-    Returns
-    -------
-    Force [N].
     """
     return float(p[0] * abs(v) * v)
 

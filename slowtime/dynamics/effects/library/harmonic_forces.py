@@ -9,7 +9,7 @@ from .parameter_grids import each, lines_hz
 
 
 def tone(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Harmonic force.
+    """Harmonic force [N].
 
     Parameters
     ----------
@@ -23,10 +23,6 @@ def tone(e: float, v: float, t: float, z: Any, p: Any) -> float:
         Internal states; none.
     p
         Amplitude [N], frequency [Hz], phase at campaign time 0 [rad].
-
-    Returns
-    -------
-    Force [N].
     """
     return float(p[0] * math.sin(2.0 * math.pi * p[1] * t + p[2]))
 

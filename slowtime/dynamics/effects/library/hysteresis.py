@@ -37,7 +37,7 @@ def yielding_force(e: float, v: float, t: float, z: Any, p: Any) -> float:
 
 
 def yielding(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Rate of the internal elongation of a Bouc-Wen spring.
+    """Rate of the internal elongation of a Bouc-Wen spring [m/s].
 
     Parameters
     ----------
@@ -51,10 +51,6 @@ def yielding(e: float, v: float, t: float, z: Any, p: Any) -> float:
         Elongation of the yielding spring itself [m].
     p
         Stiffness that yields [N/m], elongation of yield [m], sharpness of the yield [1].
-
-    Returns
-    -------
-    Rate [m/s].
     """
     if v * z[0] <= 0.0:
         return float(v)

@@ -24,46 +24,34 @@ LEAST_BEND = 0.02
 
 
 def cubic(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Force of a cubic spring (Duffing).
+    """Force of a cubic spring (Duffing) [N].
 
     Parameters
     ----------
     p
         Cubic stiffness [N/m^3].
-
-    Returns
-    -------
-    Force [N].
     """
     return float(p[0] * e * e * e)
 
 
 def quadratic(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Force of a quadratic spring; it has the same sign at either elongation.
+    """Force of a quadratic spring; it has the same sign at either elongation [N].
 
     Parameters
     ----------
     p
         Quadratic stiffness [N/m^2].
-
-    Returns
-    -------
-    Force [N].
     """
     return float(p[0] * e * e)
 
 
 def saturating(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Force of a spring that levels off, less its linear force.
+    """Force of a spring that levels off, less its linear force [N].
 
     Parameters
     ----------
     p
         Stiffness that levels off [N/m]; elongation at which it does [m].
-
-    Returns
-    -------
-    Force [N].
     """
     return float(p[0] * (p[1] * math.tanh(e / p[1]) - e))
 

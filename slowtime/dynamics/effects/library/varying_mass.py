@@ -19,7 +19,7 @@ the changing mass were damping."""
 
 
 def lagged(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Rate of the state that follows the speed, which is the acceleration.
+    """Rate of the state that follows the speed, which is the acceleration [m/s^2].
 
     Parameters
     ----------
@@ -33,10 +33,6 @@ def lagged(e: float, v: float, t: float, z: Any, p: Any) -> float:
         The speed a lag ago [m/s].
     p
         Parameters; not used.
-
-    Returns
-    -------
-    Acceleration [m/s^2].
     """
     return float((v - z[0]) / LAG_S)
 

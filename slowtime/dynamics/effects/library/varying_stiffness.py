@@ -9,7 +9,7 @@ from .parameter_grids import each, lines_hz, within
 
 
 def jump(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Force lost by a stiffness that jumps.
+    """Force lost by a stiffness that jumps [N].
 
     Parameters
     ----------
@@ -23,10 +23,6 @@ def jump(e: float, v: float, t: float, z: Any, p: Any) -> float:
         Internal states; none.
     p
         Stiffness lost [N/m]; campaign time of the jump [s].
-
-    Returns
-    -------
-    Force [N].
     """
     return float(-p[0] * e) if t >= p[1] else 0.0
 
