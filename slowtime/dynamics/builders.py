@@ -93,8 +93,8 @@ def shear_frame(
 ) -> Description:
     """Stack rigid floors, from the lowest upwards: ``floor1`` … on ``storey1`` ….
 
-    Stiffness and damping of a storey are those against sway, all its columns together
-    (`storey_stiffness`).
+    Stiffness and damping of a storey are those against sway, all its columns together:
+    12 E I / h^3 for each that is clamped at both ends.
 
     Parameters
     ----------

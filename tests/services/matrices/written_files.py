@@ -4,7 +4,8 @@ import csv
 
 from scipy import sparse
 
-from slowtime_services.matrices.dof_tables import COLUMNS, DIRECTIONS, PLACES
+from slowtime.finite_elements.degrees_of_freedom import DIRECTIONS
+from slowtime_services.matrices.dof_tables import COLUMNS, PLACES
 
 
 def write_dof_map(path, dofs):

@@ -7,6 +7,7 @@ from slowtime.estimation import filtering, state_space
 from slowtime.estimation.matern import SlowProcess
 from slowtime.estimation.processes import Matern, Trend, quasi_periodic
 from slowtime.estimation.sawtooth import Sawtooth
+from tests.slowtime.estimation.matern_correlation import matern_correlation
 
 
 def series(seed, count=60):
@@ -91,17 +92,12 @@ def test_where_a_series_is_cut_changes_nothing_to_the_last_bit(process):
 
 def dense_covariance(process, member, time, jumps):
     """Covariance of the readings by its formula, without any state."""
-    s = (
-        np.sqrt(2.0 * process.smoothness)
-        * np.abs(time[:, None] - time)
-        / process.length[member]
-    )
-    polynomial = {0.5: 1.0, 1.5: 1.0 + s, 2.5: 1.0 + s + s**2 / 3.0}[process.smoothness]
+    apart = np.abs(time[:, None] - time) / process.length[member]
     u, v = np.meshgrid(time - time[0], time - time[0], indexing="ij")
     early, late = np.minimum(u, v), np.maximum(u, v)
     drift = early**2 * (late - early) / 2 + early**3 / 3
     found = (
-        process.sd[member] ** 2 * polynomial * np.exp(-s)
+        process.sd[member] ** 2 * matern_correlation(process.smoothness, apart)
         + process.level_sd**2
         + process.slope_sd**2 * u * v
         + process.slope_drift[member] ** 2 * drift

@@ -2,16 +2,17 @@ import numpy as np
 import pytest
 
 from slowtime.dynamics.evolution_functions import mass_change
-from slowtime.estimation import filtering, kernels
+from slowtime.estimation import filtering
 from slowtime.estimation.matern import SlowProcess
 from slowtime.evolution.forecasting import forecast
+from tests.slowtime.estimation.matern_correlation import matern_correlation
 
 TIME = np.linspace(0, 1000, 126)
 PAST = TIME <= 800
 
 
 def matern_path(rng, smoothness, length, sd):
-    k = sd**2 * kernels.correlation(smoothness, (TIME[:, None] - TIME) / length)
+    k = sd**2 * matern_correlation(smoothness, (TIME[:, None] - TIME) / length)
     root = np.linalg.cholesky(k + 1e-10 * sd**2 * np.eye(len(TIME)))
     return root @ rng.standard_normal(len(TIME))
 

@@ -1,18 +1,19 @@
 import numpy as np
 import pytest
 
-from slowtime.estimation import filtering, kernels
+from slowtime.estimation import filtering
 from slowtime.estimation.matern import SlowProcess
 from slowtime.history_diagnosis.likelihood.whitening import (
     MaternProcess,
     continue_whitening,
     whiten,
 )
+from tests.slowtime.estimation.matern_correlation import matern_correlation
 
 
 def dense(process, time):
     apart = np.abs(np.subtract.outer(time, time)) / process.length
-    return process.sd**2 * kernels.correlation(process.smoothness, apart)
+    return process.sd**2 * matern_correlation(process.smoothness, apart)
 
 
 @pytest.fixture(params=[0.5, 1.5])
