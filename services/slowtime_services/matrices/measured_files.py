@@ -1,7 +1,7 @@
 """Modes files → measured modes at the sensors of a finite-element model."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,33 @@ from slowtime_services.documents.document_files import read_checked_json
 from .errors import MatrixFileError
 from .matrix_model import MatrixModel
 from .reduced_description import UNITS
+
+
+def read_modes_file(path: Path) -> ModesFile:
+    """Read what `slowtime identify --method modes --out` wrote.
+
+    Parameters
+    ----------
+    path
+        Modes file.
+
+    Returns
+    -------
+    The file.
+
+    Raises
+    ------
+    MatrixFileError
+        Where it is another file.
+    """
+    try:
+        return read_checked_json(path, ModesFile, RESULT)
+    except DocumentError as error:
+        raise MatrixFileError(
+            f"{path.name} is not a valid modes file ({error!s:.400}). Give what "
+            "`slowtime identify "
+            "RECORD --method modes --out modes.json` wrote."
+        ) from None
 
 
 def read_measured_modes(
@@ -44,16 +71,12 @@ def read_measured_modes(
     MatrixFileError
         Where it is another file, or none of its modes is structural.
     """
-    try:
-        found = read_checked_json(path, ModesFile, RESULT)
-    except DocumentError as error:
-        raise MatrixFileError(
-            f"{path.name} is not a valid modes file ({error!s:.400}). Give what "
-            "`slowtime identify "
-            "RECORD --method modes --out modes.json` wrote."
-        ) from None
     return measured_modes(
-        found, model, frequency_error=frequency_error, shape_error=shape_error, name=path.name
+        read_modes_file(path),
+        model,
+        frequency_error=frequency_error,
+        shape_error=shape_error,
+        name=path.name,
     )
 
 
@@ -63,23 +86,32 @@ def measured_modes(
     *,
     frequency_error: float = 0.0,
     shape_error: float = 0.0,
+    only: Collection[str] | None = None,
     name: str = "The list of modes",
 ) -> MeasuredModes:
-    """Convert the content of a modes file to data for a model.
+    """Turn a modes file into data for a model; see `read_measured_modes`.
 
     Parameters
     ----------
     found
-        Content of a modes file.
-    model, frequency_error, shape_error
-        As of `read_measured_modes`.
+        Modes file of a whole record.
+    model
+        The model, whose sensors name the channels.
+    frequency_error, shape_error
+        As for `read_measured_modes` [1].
+    only
+        Channels to use, in the order of the model; by default all that are its sensors.
     name
-        What the file is called in messages.
+        Of the file, for errors.
+
+    Returns
+    -------
+    Structural modes.
 
     Raises
     ------
     MatrixFileError
-        Where none of the modes is structural.
+        Where none of its modes is structural.
     """
     modes = [mode for mode in found.modes or () if mode.kind == "structural"]
     if not modes:
@@ -89,7 +121,10 @@ def measured_modes(
         )
     frequency = np.array([mode.frequency_hz.value for mode in modes])
     sd = np.array([mode.frequency_hz.sd for mode in modes])
-    columns = [k for k, name in enumerate(found.channels) if name in model.channels]
+    columns = [k for k, channel in enumerate(found.channels) if channel in model.channels]
+    if only is not None:
+        order = {channel: k for k, channel in enumerate(found.channels)}
+        columns = [order[channel] for channel in model.channels if channel in only]
     shapes = shape_sd = channels = None
     if len(columns) > 1:
         names = [found.channels[k] for k in columns]

@@ -17,7 +17,12 @@ from .sensor_placement import (
     place_sensors,
 )
 from .shape_scatter import ShapeScatter, estimate_with_scatter, shape_scatter
-from .updatable_models import ReducedStructure, SparseStructure, UpdatableModel
+from .updatable_models import (
+    ReducedStructure,
+    SparseStructure,
+    UpdatableModel,
+    updatable_model,
+)
 
 __all__ = [
     "ChangedParts",
@@ -43,4 +48,5 @@ __all__ = [
     "place_sensors",
     "propose_measurements",
     "shape_scatter",
+    "updatable_model",
 ]

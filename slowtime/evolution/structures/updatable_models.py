@@ -14,7 +14,12 @@ from scipy import sparse
 
 from slowtime.finite_elements.definiteness import indefinite_reduced_stiffness
 from slowtime.finite_elements.parametric_matrices import ParametricMatrices
-from slowtime.finite_elements.reduction import AdaptiveModel, ReducedModel
+from slowtime.finite_elements.reduction import (
+    AdaptiveModel,
+    BasisSettings,
+    ReducedModel,
+    reduce_modal,
+)
 from slowtime.finite_elements.sensitivities import ModeSlopes
 from slowtime.finite_elements.sparse_slopes import sparse_mode_slopes
 
@@ -199,6 +204,34 @@ class ReducedStructure:
         slopes = ModeSlopes(slopes.eigenvalue[bent], slopes.sensed[:, bent])
         sensed = rows @ modes.shapes[:, bent]
         return _by_logarithms(theta, modes.eigenvalue[bent], sensed, slopes)
+
+
+SMALL = 3000
+"""Degrees of freedom up to which every step solves the full model, in some 10 ms."""
+
+_BEYOND = 10
+"""Modes of a reduced model beyond those that were measured, for pairing and slopes."""
+
+
+def updatable_model(matrices: ParametricMatrices, modes: int) -> UpdatableModel:
+    """Choose what is solved at each step: a small model itself, a large one reduced.
+
+    Parameters
+    ----------
+    matrices
+        The model.
+    modes
+        Number of modes that were measured.
+
+    Returns
+    -------
+    The model to be solved.
+    """
+    if matrices.size <= SMALL:
+        return SparseStructure(matrices=matrices)
+    number = min(modes + _BEYOND, matrices.size)
+    settings = BasisSettings(modes=number, coordinates=max(100, 3 * number))
+    return ReducedStructure(model=reduce_modal(matrices, settings, trials=0))
 
 
 _RIGID = 1e-9
