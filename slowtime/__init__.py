@@ -50,15 +50,18 @@ _MODULES = {
     ),
     "slowtime_api.twin_responses": ("TwinResponse",),
     "slowtime_api.twins": ("Twin", "connect", "evolve"),
+    "slowtime_api.assessments": ("Assessment", "DetectionLimit", "assess", "detection_limits"),
 }
 _EXTRAS = {"slowtime_api.twins": "twin"}
 """Extra that a module needs; `analysis` where none is listed."""
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
 
 __all__ = [
+    "Assessment",
     "ConstantHistory",
     "ConvertedMesh",
     "DecayLaw",
+    "DetectionLimit",
     "DiagnosisResult",
     "EffectCatalogue",
     "EstimatedMode",
@@ -85,8 +88,10 @@ __all__ = [
     "UpdatedModel",
     "VirtualQuantity",
     "__version__",
+    "assess",
     "connect",
     "convert",
+    "detection_limits",
     "diagnose",
     "distortion",
     "effects",

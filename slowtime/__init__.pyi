@@ -1,7 +1,9 @@
 __all__ = [
+    "Assessment",
     "ConstantHistory",
     "ConvertedMesh",
     "DecayLaw",
+    "DetectionLimit",
     "DiagnosisResult",
     "EffectCatalogue",
     "EstimatedMode",
@@ -28,8 +30,10 @@ __all__ = [
     "UpdatedModel",
     "VirtualQuantity",
     "__version__",
+    "assess",
     "connect",
     "convert",
+    "detection_limits",
     "diagnose",
     "distortion",
     "effects",
@@ -56,6 +60,10 @@ __all__ = [
 
 from slowtime.dynamics.channels.declarations import Input as Input
 from slowtime.dynamics.channels.declarations import Sensor as Sensor
+from slowtime_api.assessments import Assessment as Assessment
+from slowtime_api.assessments import DetectionLimit as DetectionLimit
+from slowtime_api.assessments import assess as assess
+from slowtime_api.assessments import detection_limits as detection_limits
 from slowtime_api.decays import DecayLaw as DecayLaw
 from slowtime_api.decays import fit_decay as fit_decay
 from slowtime_api.diagnoses import DiagnosisResult as DiagnosisResult

@@ -120,6 +120,7 @@ EXAMPLES |= {
     """"shape": null, "kind": "structural", "quality": 1, "snr_db": null, """
     """"method": "modes", "span_s": [0, 600], "flags": []}]}' > modes.json && """
     "slowtime model update chain.yaml modes.json",
+    "assess": f"{_CHAIN} && slowtime assess chain.yaml --modes 4",
     "model convert": "printf 'GRID,1,,0.,0.,0.\\nGRID,2,,2.,0.,0.\\nCBAR,1,1,1,2,0.,1.,0.\\n"
     "PBAR,1,1,.01,8.3-6,8.3-6,1.4-5\\nMAT1,1,2.1+11,,.3,7850.\\nSPC1,1,123456,1\\n' > "
     "beam.bdf && slowtime model convert beam.bdf --out beam.yaml && "

@@ -9,7 +9,7 @@ SYNONYMS: Mapping[str, tuple[str, ...]] = {
     "analyze": ("identify", "diagnose"),
     "broker": ("router",),
     "certificates": ("keys",),
-    "damage": ("fatigue", "diagnose"),
+    "damage": ("assess", "fatigue", "diagnose"),
     "fmi": ("fmu",),
     "health": ("doctor", "status"),
     "help": ("--help",),

@@ -132,6 +132,9 @@ VERBS: Mapping[str, Verb] = {
         "models.diagnose:diagnose",
         "Find effects that a model lacks, with their place and size.",
     ),
+    "assess": Verb(
+        "models.assess:assess", "Find members that lost stiffness between two measurements."
+    ),
     "simulate": Verb(
         "records.simulate:simulate",
         "Write the vibration of an ageing structure or of a model file.",
@@ -225,7 +228,7 @@ VERBS: Mapping[str, Verb] = {
 GROUPS: Mapping[str, tuple[str, ...]] = {
     "Analyse a record": ("identify", "modes", "fatigue", "virtual"),
     "Models and diagnosis": (
-        "diagnose", "simulate", "model", "reliability", "design", "surrogate",
+        "diagnose", "assess", "simulate", "model", "reliability", "design", "surrogate",
     ),
     "Run and ask a twin": ("demo", "router", "edge", "twin", "publish"),
     "Data and operation": (

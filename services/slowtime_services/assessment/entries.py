@@ -1,0 +1,82 @@
+"""Assessments and limits → plain values for JSON and tables."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from slowtime.evolution.assessment import Assessment, DetectionLimit
+
+
+def assessment_entry(found: Assessment, kinds: Mapping[str, str]) -> dict[str, Any]:
+    """Turn an assessment into plain values.
+
+    Parameters
+    ----------
+    found
+        The assessment.
+    kinds
+        Name of each candidate → `member` or `connection`.
+
+    Returns
+    -------
+    Values as JSON has them; numbers that are not known are None.
+    """
+    return {
+        "verdict": found.verdict,
+        "sentence": found.sentence,
+        "p_value": _number(found.p_value),
+        "other_p_value": _number(found.other_p_value),
+        "sets": [
+            [
+                {
+                    "name": one.name,
+                    "kind": kinds[one.name],
+                    "probability": one.probability,
+                    "loss": one.loss,
+                    "sd": one.sd,
+                }
+                for one in group.suspects
+            ]
+            for group in found.sets
+        ],
+        "probability": dict(found.probability),
+        "common_change": {
+            "value": _number(found.common_change[0]),
+            "sd": _number(found.common_change[1]),
+        },
+        "modes": [
+            {"before": one.before, "now": one.now, "mac": _number(one.mac)}
+            for one in found.pairs
+        ],
+    }
+
+
+def limit_entries(
+    limits: Sequence[DetectionLimit], kinds: Mapping[str, str]
+) -> list[dict[str, Any]]:
+    """Turn limits into plain values; a loss is None where none is found.
+
+    Parameters
+    ----------
+    limits
+        The limits.
+    kinds
+        Name of each candidate → `member` or `connection`.
+
+    Returns
+    -------
+    One entry for each.
+    """
+    return [
+        {
+            "name": one.name,
+            "kind": kinds[one.name],
+            "loss": _number(one.loss),
+            "alike": list(one.alike),
+        }
+        for one in limits
+    ]
+
+
+def _number(value: float) -> float | None:
+    return value if math.isfinite(value) else None
