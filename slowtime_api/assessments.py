@@ -11,16 +11,18 @@ from slowtime.evolution.assessment import (
 from slowtime.evolution.assessment import assess as assess_states
 from slowtime.evolution.structures import updatable_model
 from slowtime_schemas.files.modes import ModesFile
+from slowtime_services.argument_checks import Count, Share, checked
 from slowtime_services.assessment import (
     StateErrors,
     members_of,
     planned_state,
     read_states,
 )
-from slowtime_services.matrices import read_matrix_model
+from slowtime_services.matrices import MatrixModel
 from slowtime_services.matrices.measured_files import read_modes_file
 
 from .arguments import existing_file
+from .finite_elements.matrix_models import FiniteElementModel
 from .modal_estimates import Modes
 
 __all__ = ["Assessment", "DetectionLimit", "assess", "detection_limits"]
@@ -28,13 +30,15 @@ __all__ = ["Assessment", "DetectionLimit", "assess", "detection_limits"]
 GivenModes = Modes | str | Path
 
 
+@checked
 def assess(
-    model: str | Path,
+    model: FiniteElementModel | str | Path,
     before: GivenModes,
     now: GivenModes,
     *,
     ends: bool = False,
-    errors: tuple[float, float] = (0.001, 0.005),
+    frequency_error: Share = 0.001,
+    shape_error: Share = 0.005,
     settings: AssessmentSettings | None = None,
 ) -> Assessment:
     """Find the members that have lost stiffness between two states.
@@ -42,16 +46,18 @@ def assess(
     Parameters
     ----------
     model
-        Model file of version 2, with a parameter for each member, connection, or group of
-        them that may change.
+        Model, or the path of its file, with a parameter for each member, connection, or group
+        of them that may change.
     before, now
         Modes of the healthy and of the present state: of ``identify(method="modes")``, or a
         modes file.
     ends
         Whether ends of beams of a frame may have come loose as well.
-    errors
-        Scatter between measurements of one state besides the stated standard deviations: of
-        frequencies, relative, and of components of shapes of norm 1 [1].
+    frequency_error
+        Relative scatter of a frequency between measurements of one state, besides its stated
+        standard deviation [1].
+    shape_error
+        Likewise of a component of a shape of norm 1 [1].
     settings
         What is assumed of model, temperature and damage
         (``slowtime.evolution.assessment.AssessmentSettings``).
@@ -65,21 +71,23 @@ def assess(
     ValueError
         If the model has no members, or a file no modes.
     """
-    read = read_matrix_model(existing_file(model))
+    read = _model(model)
     members = members_of(read, ends=ends)
-    states = read_states(read, _document(before), _document(now), StateErrors(*errors))
+    errors = StateErrors(frequency_error, shape_error)
+    states = read_states(read, _file(before), _file(now), errors)
     structure = updatable_model(members.matrices, len(states[0].frequency_hz))
     return assess_states(structure, *states, settings)
 
 
+@checked
 def detection_limits(
-    model: str | Path,
+    model: FiniteElementModel | str | Path,
     *,
-    modes: int,
-    frequency_sd: float = 0.001,
-    shape_sd: float = 0.01,
+    modes: Count,
+    frequency_sd: Share = 0.001,
+    shape_sd: Share = 0.01,
     ends: bool = False,
-    power: float = 0.9,
+    power: Share = 0.9,
     settings: AssessmentSettings | None = None,
 ) -> tuple[DetectionLimit, ...]:
     """Find, before measuring, the smallest loss of each member that `assess` will find.
@@ -87,7 +95,7 @@ def detection_limits(
     Parameters
     ----------
     model
-        Model file of version 2, with the planned sensors.
+        Model, or the path of its file, with the planned sensors.
     modes
         Number of lowest modes that will be measured.
     frequency_sd
@@ -110,7 +118,7 @@ def detection_limits(
     ValueError
         If the model has no members, or fewer modes.
     """
-    read = read_matrix_model(existing_file(model))
+    read = _model(model)
     members = members_of(read, ends=ends)
     structure = updatable_model(members.matrices, modes)
     expected = planned_state(
@@ -119,5 +127,11 @@ def detection_limits(
     return plan_limits(structure, expected, settings, power=power)
 
 
-def _document(given: GivenModes) -> ModesFile:
-    return given.document if isinstance(given, Modes) else read_modes_file(existing_file(given))
+def _model(given: FiniteElementModel | str | Path) -> MatrixModel:
+    if isinstance(given, FiniteElementModel):
+        return given.model
+    return FiniteElementModel.from_file(given).model
+
+
+def _file(given: GivenModes) -> ModesFile:
+    return given.file() if isinstance(given, Modes) else read_modes_file(existing_file(given))

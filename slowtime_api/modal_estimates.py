@@ -134,11 +134,6 @@ class Modes(Sequence[EstimatedMode]):
         """Damping ratios [1]."""
         return np.array([mode.damping_ratio.value for mode in self._modes])
 
-    @property
-    def document(self) -> ModesFile:
-        """What ``slowtime identify --out`` writes."""
-        return self._file()
-
     def rows(self) -> list[dict[str, Any]]:
         """Return each mode as plain values.
 

@@ -140,7 +140,7 @@ class Twin:
         registration: str | Path | Mapping[str, Any] | None = None,
         events: str | Path | None = None,
     ) -> "Twin":
-        """Make a twin of a file of readings, as ``slowtime evolve`` and ``forecast`` do.
+        """Make a twin of a file of readings, as ``slowtime twin evolve`` and ``forecast`` do.
 
         Parameters
         ----------

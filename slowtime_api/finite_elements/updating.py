@@ -8,31 +8,22 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from slowtime.evolution.structures import (
-    ReducedStructure,
     ShapeScatter,
-    SparseStructure,
     StructurePosterior,
-    UpdatableModel,
     estimate_with_scatter,
     identifiability_limits,
+    updatable_model,
 )
 from slowtime.evolution.structures.fit import total_misfit
-from slowtime.finite_elements.reduction import BasisSettings, reduce_modal
 from slowtime_api.arguments import existing_file
 from slowtime_api.modal_estimates import Modes
 from slowtime_api.plotting import Axes, new_figure, save
 from slowtime_api.results import Result
 from slowtime_services.argument_checks import Share, checked
-from slowtime_services.matrices import MatrixFileError, MatrixModel
+from slowtime_services.matrices import MatrixFileError
 from slowtime_services.matrices.measured_files import measured_modes, read_measured_modes
 
 from .matrix_models import FiniteElementModel
-
-SMALL = 3000
-"""Degrees of freedom up to which every step solves the full model, in some 10 ms."""
-
-BEYOND = 10
-"""Modes of a reduced model beyond those that were measured, for pairing and slopes."""
 
 UNLIKELY = 0.01
 """Probability of a misfit as large [1], below which it is told."""
@@ -214,7 +205,7 @@ def update(
             existing_file(modes), read.model, frequency_error=frequency_error,
             shape_error=shape_error,
         )  # fmt: skip
-    structure = _structure(read.model, len(measured.frequency_hz))
+    structure = updatable_model(read.model.matrices, len(measured.frequency_hz))
     found, scatter = estimate_with_scatter(structure, measured, read.model.prior_sd)
     pairs = total_misfit(structure, (measured,), found.theta, found.prior_sd).pairs
     rows = np.zeros((1, structure.size))
@@ -231,15 +222,6 @@ def update(
         not_determined=tuple(one.sentence for one in identifiability_limits(structure, found)),
         warnings=tuple(one for one in (scatter.sentence, _misfit(found)) if one),
     )  # fmt: skip
-
-
-def _structure(read: MatrixModel, modes: int) -> UpdatableModel:
-    size = read.matrices.size
-    if size <= SMALL:
-        return SparseStructure(matrices=read.matrices)
-    number = min(modes + BEYOND, size)
-    settings = BasisSettings(modes=number, coordinates=max(100, 3 * number))
-    return ReducedStructure(model=reduce_modal(read.matrices, settings, trials=0))
 
 
 def _misfit(found: StructurePosterior) -> str:

@@ -10,7 +10,7 @@ import click
 from slowtime.evolution.assessment import AssessmentSettings, plan_limits
 from slowtime.evolution.assessment import assess as assess_states
 from slowtime.evolution.structures import updatable_model
-from slowtime_cli.shared.terminal import note, show, write_json
+from slowtime_cli.shared.terminal import note, show
 from slowtime_services.assessment import (
     Members,
     StateErrors,
@@ -69,8 +69,6 @@ def _assess(
     if given["report"] is not None:
         tables = (Table(MEMBER_HEADINGS, rows), Table(MODE_HEADINGS, modes))
         write_assessment(given["report"], read, found, tables)
-    if given["out"] is not None:
-        write_json(given["out"], body)
     if given["as_json"]:
         click.echo(json.dumps(body, indent=2))
         return
@@ -107,8 +105,6 @@ def _plan(
     limits = plan_limits(structure, expected, settings, power=given["power"])
     entries = limit_entries(limits, members.kinds)
     body = {"power": given["power"], "false_alarm": settings.false_alarm, "limits": entries}
-    if given["out"] is not None:
-        write_json(given["out"], body)
     if given["as_json"]:
         click.echo(json.dumps(body, indent=2))
         return

@@ -61,7 +61,7 @@ def identify(
     if measured is None:
         if test["driving_points"] or test["frf"]:
             raise click.UsageError(
-                "--driving-point and --frf can only be used together with --input, which names "
+                "driving_point and --frf can only be used together with --input, which names "
                 "the measured inputs, or with a file of frequency responses. Give --input, or "
                 "leave them out."
             )

@@ -47,7 +47,7 @@ EXAMPLES: dict[str, str] = {
     """print i / 50 """
     """"," exp(-i / 800) * cos(i / 7)}' > swing.csv && """
     "slowtime modes distortion swing.csv --decay --output angle",
-    "publish": "slowtime publish --to - --seconds 2",
+    "publish": "slowtime publish --to - --setting seconds=2",
     "diagnose": "(echo slow_time,frequency_hz,frequency_sd,temperature_c; seq 200 | "
     """awk '{print $1 "," 4 - 0.03 * sin($1 / 20) + 0.007 * (rand() - 0.5) ",0.002," """
     """10 * sin($1 / 20)}') > bridge.csv && """

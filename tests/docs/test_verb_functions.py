@@ -10,19 +10,21 @@ import click
 import pytest
 
 import slowtime as st
-from slowtime_cli.__main__ import VERBS, app
+from slowtime_cli.verbs.tree import paths
 from slowtime_services.client import Client
+from tests.slowtime_cli.command_tree import commands
 
 PAGE = Path(__file__).parents[2] / "docs/python.md"
-ROW = re.compile(r"^\| `([a-z]+)` \| (.+?) \| \[.+?\]\((\w+\.md)\) \|$", re.M)
+ROW = re.compile(r"^\| `([a-z ]+)` \| (.+?) \| \[.+?\]\((\w+\.md)\) \|$", re.M)
 TABLE = {verb: (names, page) for verb, names, page in ROW.findall(PAGE.read_text())}
+COMMANDS = {words: command for words, command, _ in commands()}
 COMPUTING = ("models", "records", "twins")
 """Folders of verbs that compute or ask a server; those of `operation` run processes."""
-OF_FILES = {"layout", "recover"}
+OF_FILES = {"mcap layout", "mcap recover"}
 """Verbs on the files of other programs, and on damaged files."""
-RENAMED = {"place": {"number": "sensors"}}
+RENAMED = {"model place": {"number": "sensors"}}
 """Verb → option → parameter, where their names differ."""
-OWN_DEFAULTS = {("forecast", "points")}
+OWN_DEFAULTS = {("twin forecast", "points")}
 """A terminal shows fewer points than a picture."""
 
 
@@ -36,7 +38,7 @@ def functions(verb: str) -> list[Any]:
 
 
 def test_each_computing_verb_has_a_row_and_each_row_a_verb():
-    computing = {verb for verb, one in VERBS.items() if one.place.startswith(COMPUTING)}
+    computing = {words for words, one in paths() if one.place.startswith(COMPUTING)}
     assert set(TABLE) == computing - OF_FILES
 
 
@@ -50,10 +52,12 @@ def test_the_functions_of_a_verb_exist_and_its_page_does(verb):
 
 @pytest.mark.parametrize("verb", TABLE)
 def test_an_option_and_a_parameter_of_one_name_have_one_default(verb):
-    command = app.get_command(click.Context(app), verb)
-    assert command is not None
+    command = COMMANDS[verb]
     names = RENAMED.get(verb, {})
-    options = {names.get(one.name or "", one.name): one for one in command.params}
+    said = [*command.params]
+    for one in command.params:
+        said += getattr(one, "settings", {}).values()
+    options = {names.get(one.name or "", one.name): one for one in said}
     for function in functions(verb):
         for name, parameter in inspect.signature(function).parameters.items():
             option = options.get(name)
@@ -62,6 +66,6 @@ def test_an_option_and_a_parameter_of_one_name_have_one_default(verb):
                 continue
             if (verb, name) in OWN_DEFAULTS:
                 continue
-            said = option.get_default(click.Context(command))
-            if isinstance(said, int | float | str) and said != "auto":
-                assert default == said, (function.__qualname__, name)
+            own = option.get_default(click.Context(command))
+            if isinstance(own, int | float | str) and own != "auto":
+                assert default == own, (function.__qualname__, name)

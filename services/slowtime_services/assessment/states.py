@@ -8,7 +8,7 @@ from slowtime.evolution.assessment import expected_modes
 from slowtime.evolution.structures import MeasuredModes, UpdatableModel
 from slowtime_schemas.files.modes import ModesFile
 from slowtime_services.matrices import MatrixFileError, MatrixModel
-from slowtime_services.matrices.measured_files import measured_modes_of
+from slowtime_services.matrices.measured_files import measured_modes
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ def read_states(
     """
     both = set(before.channels) & set(now.channels) & set(model.channels)
     first, second = (
-        measured_modes_of(
+        measured_modes(
             file,
             model,
             frequency_error=errors.frequency,

@@ -148,7 +148,7 @@ def distortion_of(
     if len({len(one.frequency_hz) for one in given}) != 1:
         raise ValueError(
             "The realisations have periods of different lengths. Give records of one period, "
-            "or say with --period how long it is."
+            "or say with `period` how long it is."
         )
     excited, top = _excited(given, band_hz)
     means = [(one.input.mean(axis=0), one.output.mean(axis=0)) for one in given]

@@ -87,7 +87,7 @@ def find_period(series: Series) -> int:
         raise ValueError(
             f"The input repeats with a correlation of {best:.2f} at best: there are no two "
             f"periods of one multisine in {count} samples. Give the length of one with "
-            "--period, or cut the record with FILE@FROM:TO."
+            "`period`, or cut the record with FILE@FROM:TO."
         )
     return int(peaks[np.flatnonzero(alike[peaks] >= best - SAME_REPETITION)[0]])
 

@@ -152,16 +152,15 @@ Examples:
     f"more in proportion, at most {PATIENCE_S * MORE:g}; {PATIENCE_S * LARGE:g} for large "
     "models, which are reduced]",
 )
-@click.option(
-    "--engine",
-    cls=Rare,
-    default="local",
-    show_default=True,
-    metavar="local|ray[://HOST:PORT]",
-    help="Where a batch runs: on this computer, or on a Ray cluster whose computers see the "
-    "same folders (needs slowtime[ray]).",
-)
 @settings_option(
+    setting(
+        "--engine",
+        default="local",
+        show_default=True,
+        metavar="local|ray[://HOST:PORT]",
+        help="Where a batch runs: on this computer, or on a Ray cluster whose computers see "
+        "the same folders (needs slowtime[ray]).",
+    ),
     setting(
         "--surface",
         type=SURFACE,

@@ -30,12 +30,6 @@ modes of a model file (.yaml or .json) that --out writes.
 @click.argument("model", type=EXISTING)
 @click.option("--modes", type=click.IntRange(min=1), help="Number of lowest modes to keep.")
 @click.option(
-    "--band-hz",
-    type=POSITIVE,
-    help="Upper end of the sensors' band, instead of --modes: modes up to 1.5 times it are "
-    "kept.",
-)
-@click.option(
     "--report",
     type=OutFile(".html"),
     help="HTML page to write: frequencies, and animated mode shapes in space.",
@@ -49,6 +43,12 @@ modes of a model file (.yaml or .json) that --out writes.
     to="out",
 )
 @settings_option(
+    setting(
+        "--band-hz",
+        type=POSITIVE,
+        help="Upper end of the sensors' band, instead of --modes: modes up to 1.5 times it are "
+        "kept.",
+    ),
     setting(
         "--coordinates",
         type=click.IntRange(min=1),

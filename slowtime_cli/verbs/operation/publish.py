@@ -14,7 +14,7 @@ from slowtime_cli.shared.settings import setting, settings_option
 Examples:
   slowtime publish --to mqtt://127.0.0.1/bridge/accel
   slowtime publish --to zenoh:lab/bridge --frequency-hz 4.1
-  slowtime publish --to - --seconds 60 | slowtime edge --source 'stdin:?layout=csv&rate_hz=125'
+  slowtime publish --to - --setting seconds=60 | slowtime edge --source 'stdin:?layout=csv&rate_hz=125'
 """,
 )
 @click.option("--to", "url", required=True, metavar="URL", help="Destination; `-` to print.")
@@ -28,9 +28,13 @@ Examples:
     show_default=True,
     help="Natural frequency of the simulated structure.",
 )
-@click.option("--seconds", type=POSITIVE, help="Seconds to run.  [default: until Ctrl-C]")
 @click.option("--connect", type=Endpoint(), default=ROUTER, help="Router, for zenoh:.")
 @settings_option(
+    setting(
+        "--seconds",
+        type=POSITIVE,
+        help="Seconds to run.  [default: until Ctrl-C]",
+    ),
     setting(
         "--samples",
         type=click.IntRange(1, 10_000),

@@ -36,7 +36,7 @@ class Period(click.ParamType):  # type: ignore[type-arg]  # generic in stubs onl
     extra="analysis",
     epilog="""\b
 Examples:
-  slowtime modes distortion run1.csv run2.csv --input u --output y --period 4096
+  slowtime modes distortion run1.csv run2.csv --input u --output y --setting period=4096
   slowtime modes distortion weak.npz strong.npz --input force --output a1 \\
     --report distortion.html
   slowtime modes distortion swing.csv --decay --output angle --out -
@@ -46,13 +46,6 @@ Examples:
 @click.option("--input", "given", metavar="CHANNEL", help="Channel of the excitation.")
 @click.option(
     "--output", "told", metavar="CHANNEL", required=True, help="Channel of the response."
-)
-@click.option(
-    "--period",
-    type=Period(),
-    default="auto",
-    show_default=True,
-    help="Samples in one period of the multisine.",
 )
 @click.option(
     "--band-hz",
@@ -68,6 +61,13 @@ Examples:
 @out_option("JSON file to write.", ".json", to="out")
 @click.option("--report", "plot", type=OutFile(".html"), help="HTML page with plots to write.")
 @settings_option(
+    setting(
+        "--period",
+        type=Period(),
+        default="auto",
+        show_default=True,
+        help="Samples in one period of the multisine.",
+    ),
     setting(
         "--transient",
         "transient_s",

@@ -29,7 +29,7 @@ Examples:
   slowtime identify record.csv --rate-hz 200 --out - | python -m json.tool
   slowtime identify record.csv --rate-hz 200 --method modes --report modes.html
   slowtime identify record.tdms --reading sensitivity=100mV/g --out modes.uff
-  slowtime identify hits.npz --input force --driving-point a3=force --frf h.uff
+  slowtime identify hits.npz --input force --setting driving_point=a3=force --frf h.uff
   slowtime identify responses.csv --setting frf_kind=acceleration --band-hz 5 200
   slowtime identify record.csv --rate-hz 200 --select modes.selection.yaml
   slowtime identify deck.mcap --with tower.mcap --method modes --out modes.json
@@ -74,14 +74,6 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
     "other channels are responses.",
 )
 @click.option(
-    "--driving-point",
-    "driving_points",
-    multiple=True,
-    metavar="RESPONSE=INPUT",
-    help="With --input: a response measured where that input acts, for modal masses.",
-    cls=Rare,
-)
-@click.option(
     "--frf",
     type=OutFile(),
     help="With --input: file of frequency responses to write: .uff or .unv (UFF 58), .csv, "
@@ -114,6 +106,13 @@ A terminal is shown a table; a pipe or a file gets lines with tabs between their
     "direction, or a universal file with nodes.",
 )
 @settings_option(
+    setting(
+        "--driving-point",
+        "driving_points",
+        multiple=True,
+        metavar="RESPONSE=INPUT",
+        help="With --input: a response measured where that input acts, for modal masses.",
+    ),
     setting(
         "--start-sd-ms",
         type=POSITIVE,

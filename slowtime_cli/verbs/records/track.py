@@ -37,7 +37,7 @@ class Times(click.ParamType):  # type: ignore[type-arg]  # generic in stubs only
     extra="analysis",
     epilog="""\b
 Examples:
-  slowtime modes track rig.yaml monday.csv tuesday.csv --white-force 0.5
+  slowtime modes track rig.yaml monday.csv tuesday.csv --setting white_force=0.5
   slowtime modes track rig.yaml day*.csv --at 0,30,60,90 --free mount.stiffness \\
     --setting forecast_to=180
   slowtime modes track rig.yaml run.csv --out -
@@ -54,13 +54,6 @@ cubic_hardening or van_der_pol.
     help="Constants to estimate, such as mount.stiffness; by default every stiffness, damping "
     "and parameter of an effect.",
 )
-@click.option(
-    "--white-force",
-    type=click.FloatRange(min=0),
-    default=0.0,
-    show_default=True,
-    help="Unmeasured white force on every node: square root of its density [N s^(1/2)].",
-)
 @click.option("--at", type=Times(), help="Slow time of each record; by default 0, 1, 2, ...")
 @click.option(
     "--rate-hz",
@@ -69,6 +62,13 @@ cubic_hardening or van_der_pol.
 )
 @out_option("CSV file of the constants, one row for each record, or JSON.", ".csv", to="out")
 @settings_option(
+    setting(
+        "--white-force",
+        type=click.FloatRange(min=0),
+        default=0.0,
+        show_default=True,
+        help="Unmeasured white force on every node: square root of its density [N s^(1/2)].",
+    ),
     setting(
         "--force-sd",
         type=click.FloatRange(min=0),

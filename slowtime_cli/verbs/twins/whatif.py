@@ -24,7 +24,7 @@ Examples:
   slowtime twin whatif modes.json --nominal-hz 4 --load harmonic --amplitude 0.5 \\
     --frequency-hz 3.9
   slowtime twin whatif --server http://127.0.0.1:8000 --asset demo.frame --load step \\
-    --amplitude 500 --on floor3 --quantity displacement --out answer.json
+    --amplitude 500 --setting on=floor3 --setting quantity=displacement --out answer.json
   slowtime twin whatif modes.json --load recorded --record quake.csv --rate-hz 100
 
 A load on the base is an acceleration [m/s^2], on a node of the model a force [N].
@@ -40,23 +40,12 @@ A load on the base is an acceleration [m/s^2], on a node of the model a force [N
 )
 @click.option("--amplitude", type=Real(), help="Amplitude of a harmonic or a step.")
 @click.option("--frequency-hz", type=POSITIVE, help="Frequency of a harmonic.")
-@click.option("--psd", type=Real(min=0), help="Density of white noise, one-sided [unit^2/Hz].")
 @click.option("--record", type=EXISTING, help="File that holds a recorded load.")
-@click.option(
-    "--on", default="base", show_default=True, help="Where the load acts: the base, or a node."
-)
 @click.option(
     "--output",
     "outputs",
     multiple=True,
     help="Node whose response is computed; by default all.",
-)
-@click.option(
-    "--quantity",
-    type=click.Choice(["displacement", "velocity", "acceleration"]),
-    default="acceleration",
-    show_default=True,
-    help="Displacement and velocity relative to the base, acceleration absolute.",
 )
 @click.option("--duration", "duration_s", type=POSITIVE, help="Seconds.")
 @click.option("--rate-hz", type=POSITIVE, help="Samples per second.")
@@ -66,6 +55,24 @@ A load on the base is an acceleration [m/s^2], on a node of the model a force [N
     help="JSON file to write, as REST answers; - for stdout instead of the table.",
 )
 @settings_option(
+    setting(
+        "--on",
+        default="base",
+        show_default=True,
+        help="Where the load acts: the base, or a node.",
+    ),
+    setting(
+        "--psd",
+        type=Real(min=0),
+        help="Density of white noise, one-sided [unit^2/Hz].",
+    ),
+    setting(
+        "--quantity",
+        type=click.Choice(["displacement", "velocity", "acceleration"]),
+        default="acceleration",
+        show_default=True,
+        help="Displacement and velocity relative to the base, acceleration absolute.",
+    ),
     setting(
         "--seed",
         type=click.IntRange(min=0),
