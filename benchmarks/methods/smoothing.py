@@ -2,9 +2,9 @@
 
     python -m benchmarks.methods.smoothing [--runs 200] [--seed 1]
 
-Windows of a minute of an oscillator that white noise drives (3 Hz, 1 %, 50 Hz; the impulse response
-of its displacement, sampled) are read by the FFT alone (`peak`) and by the likelihood
-(`ambient`). Each run is long enough for the slowest smoother to settle; its last value counts.
+Windows of a minute of an oscillator that white noise drives (3 Hz, 1 %, 50 Hz; its sampled
+impulse response) are read by the FFT alone (`peak`) and by the likelihood (`ambient`). Each run
+is long enough for the slowest smoother to settle; its last value counts.
 """
 
 import argparse

@@ -163,7 +163,7 @@ def test_what_another_program_prints_ends_in_a_valid_twin(house):
     )  # fmt: skip
     slowtime = f"{sys.executable} -m slowtime_cli"
     line = (
-        f"{slowtime} publish --to - --frequency-hz {FREQUENCY_HZ} --seconds 26 | "
+        f"{slowtime} publish --to - --frequency-hz {FREQUENCY_HZ} --setting seconds=26 | "
         f"{slowtime} edge --config {config} > {house.home}/edge.log 2>&1"
     )
     piped = subprocess.Popen(["sh", "-c", line], cwd=house.home)

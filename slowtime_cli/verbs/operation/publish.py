@@ -14,7 +14,7 @@ from slowtime_cli.shared.settings import setting, settings_option
 Examples:
   slowtime publish --to mqtt://127.0.0.1/bridge/accel
   slowtime publish --to zenoh:lab/bridge --frequency-hz 4.1
-  slowtime publish --to - --setting seconds=60 | slowtime edge --source 'stdin:?layout=csv&rate_hz=125'
+  slowtime publish --to - | slowtime edge --source 'stdin:?layout=csv&rate_hz=125'
 """,
 )
 @click.option("--to", "url", required=True, metavar="URL", help="Destination; `-` to print.")

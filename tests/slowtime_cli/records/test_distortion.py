@@ -64,8 +64,8 @@ def test_a_decay_is_told_by_its_law(run, tmp_path):
     [
         ((), "Give it, or --decay"),
         (("--input", "u", "--decay"), "--decay and --input exclude each other"),
-        (("--input", "u", "--period", "x"), "Give a whole number of samples, or auto"),
-        (("--input", "u", "--period", "4000"), "not one period of 4000"),
+        (("--input", "u", "--setting", "period=x"), "Give a whole number of samples, or auto"),
+        (("--input", "u", "--setting", "period=4000"), "not one period of 4000"),
         (("--input", "w"), "'w'"),
     ],
 )

@@ -39,7 +39,7 @@ FLAGS = ("--input", "force", "--band-hz", 1, 14)
 
 def test_a_hammer_test_gives_modes_masses_and_files(run, record):
     done = run(
-        "identify", record, *FLAGS, "--driving-point", "a3=force", "--frf", "h.json",
+        "identify", record, *FLAGS, "--setting", "driving_point=a3=force", "--frf", "h.json",
         "--out", "modes.json", "--report", "modes.html",
     )  # fmt: skip
     assert done.status == 0
@@ -145,7 +145,7 @@ def test_an_earthquake_is_told_by_the_unit_of_its_input(run, tmp_path):
         (("--input", "force", "--window-s", 5), "for one whole record"),
         (("--input", "force,a1,a2,a3"), "leave at least one channel as a response"),
         (("--input", "nothing"), "nothing"),
-        ((*FLAGS, "--driving-point", "b=force"), "give RESPONSE=INPUT"),
+        ((*FLAGS, "--setting", "driving_point=b=force"), "give RESPONSE=INPUT"),
         (
             ("--input", "force,a1", "--setting", "excitation=hammer"),
             "has one input, and 2 were given",

@@ -134,8 +134,17 @@ def test_a_registration_of_its_own_brings_mass_and_thresholds(run, softening):
         json.dump(known, file)
     told = run("twin", "forecast", softening, "--registration", "twins.json", "--out", "-").json
     assert [one["source"] for one in told["crossings"]] == ["registration"]
-    pushed = ("--load", "step", "--amplitude", 10, "--on", "mass", "--setting", "draws=20")
-    asked = ("--registration", "twins.json", *pushed, "--quantity", "displacement")
+    pushed = (
+        "--load",
+        "step",
+        "--amplitude",
+        10,
+        "--setting",
+        "on=mass",
+        "--setting",
+        "draws=20",
+    )
+    asked = ("--registration", "twins.json", *pushed, "--setting", "quantity=displacement")
     out = run("twin", "whatif", softening, *asked, "--out", "-").json["outputs"]["mass"]
     still = 10.0 / (1973.9 * (1 - 0.003 * 59))
     assert np.mean(out["value"]) == pytest.approx(still, rel=0.1)
@@ -180,7 +189,10 @@ def test_a_running_server_is_asked_and_its_refusal_is_told(run, server, tmp_path
             ("twin", "whatif", "frequencies.csv", *LOAD, "--setting", "channel=a"),
             "go with --load recorded",
         ),
-        (("twin", "whatif", "frequencies.csv", *LOAD, "--on", "mass"), "nominal.mass_kg"),
+        (
+            ("twin", "whatif", "frequencies.csv", *LOAD, "--setting", "on=mass"),
+            "nominal.mass_kg",
+        ),
     ],
 )
 def test_what_cannot_be_asked_is_refused_with_what_to_do(refused, softening, arguments, says):
