@@ -50,6 +50,7 @@ _MODULES = {
     ),
     "slowtime_api.twin_responses": ("TwinResponse",),
     "slowtime_api.twins": ("Twin", "connect", "evolve"),
+    "slowtime_api.smoothing": ("SmootherChoice", "choose_smoother"),
     "slowtime_api.assessments": ("Assessment", "DetectionLimit", "assess", "detection_limits"),
 }
 _EXTRAS = {"slowtime_api.twins": "twin"}
@@ -83,12 +84,14 @@ __all__ = [
     "Sensor",
     "SeparatedHistory",
     "Signals",
+    "SmootherChoice",
     "Twin",
     "TwinResponse",
     "UpdatedModel",
     "VirtualQuantity",
     "__version__",
     "assess",
+    "choose_smoother",
     "connect",
     "convert",
     "detection_limits",

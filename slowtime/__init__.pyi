@@ -25,12 +25,14 @@ __all__ = [
     "Sensor",
     "SeparatedHistory",
     "Signals",
+    "SmootherChoice",
     "Twin",
     "TwinResponse",
     "UpdatedModel",
     "VirtualQuantity",
     "__version__",
     "assess",
+    "choose_smoother",
     "connect",
     "convert",
     "detection_limits",
@@ -116,6 +118,8 @@ from slowtime_api.responses.virtual_quantities import VirtualQuantity as Virtual
 from slowtime_api.responses.virtual_quantities import virtual as virtual
 from slowtime_api.signals import Signals as Signals
 from slowtime_api.signals import read as read
+from slowtime_api.smoothing import SmootherChoice as SmootherChoice
+from slowtime_api.smoothing import choose_smoother as choose_smoother
 from slowtime_api.twin_responses import TwinResponse as TwinResponse
 from slowtime_api.twins import Twin as Twin
 from slowtime_api.twins import connect as connect

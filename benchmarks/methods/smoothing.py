@@ -48,13 +48,13 @@ def windows(count: int, rng: np.random.Generator) -> Iterator[np.ndarray]:
     yield from motion.reshape(count, samples)
 
 
-def readings(method: Callable[..., object], runs: int, seed: int) -> np.ndarray:
-    """Frequencies and their standard deviations [Hz], by run, reading and kind."""
+def readings(method: Callable[..., object], runs: int, each: int, seed: int) -> np.ndarray:
+    """Return frequencies and their standard deviations [Hz], by run, reading and kind."""
     found = []
-    for window in windows(runs * SETTLED, np.random.default_rng(seed)):
+    for window in windows(runs * each, np.random.default_rng(seed)):
         one = method(window[:, None], RATE_HZ).frequency_hz  # type: ignore[attr-defined]
         found.append((one.value, one.sd))
-    return np.array(found).reshape(runs, SETTLED, 2)
+    return np.array(found).reshape(runs, each, 2)
 
 
 def last_values(smoother: MedianEwma, told: np.ndarray) -> np.ndarray:
@@ -110,13 +110,15 @@ def main() -> int:
         "outliers in a row | steady [%] | with two outliers [%] | drifting [%] |"
     )
     print("|" + "---|" * 10)
-    for name, method in (("FFT peak", peak), ("likelihood", identify_ambient)):
-        told = readings(method, args.runs, args.seed)
+    for name, method, smoothers in (
+        ("FFT peak", peak, SMOOTHERS), ("likelihood", identify_ambient, SMOOTHERS[:1])
+    ):  # fmt: skip
+        told = readings(method, args.runs, SETTLED if len(smoothers) > 1 else 7, args.seed)
         one_sd = float(np.median(told[:, :, 1]))
         spoilt, falling = told.copy(), told.copy()
         spoilt[:, -7:-5, 0] += OUTLIER * one_sd
-        falling[:, :, 0] -= SLOPE * one_sd * (np.arange(SETTLED) - SETTLED + 1)
-        for smoother in SMOOTHERS:
+        falling[:, :, 0] -= SLOPE * one_sd * (np.arange(told.shape[1]) - told.shape[1] + 1)
+        for smoother in smoothers:
             steady = last_values(smoother, told)
             print(
                 f"| {name} | {smoother.window}, {smoother.a:g} | {settled_sd(smoother):.2f} | "

@@ -20,8 +20,11 @@ HANN_HALF_WIDTH = 0.72
 ROUNDS = 3
 """Rounds of the parabola fit about the peak."""
 
-INEFFICIENCY = 1.5
-"""Ratio of the standard error to that of the likelihood in the same band (from simulations)."""
+INEFFICIENCY, UNRESOLVED, RESOLVED_FROM = 1.2, 1.6, 6.0
+"""Ratio of the standard error to that of the likelihood in the same band [1]: for long records,
+what short ones add to it, and the product of damping ratio and cycles at which half of that is
+left. From 2,600 simulated windows of ten kinds (1 to 8 Hz, 0.3 to 3 %, products of 1 to 22):
+with 1.5 for all, intervals of 95 % held 84 to 91 % below 6."""
 
 
 def peak(
@@ -62,7 +65,8 @@ def fit_peak(
     through 1/S over the peak gives :math:`f_n` and, from its minimum and curvature,
     :math:`\zeta`, less the width of the segments' own peak. Segments are as long as the width
     asks for and the record allows; where the record is too short for the width, damping is
-    little more than an upper limit, and the flag `resolution_limited` says so.
+    little more than an upper limit, and the flag `resolution_limited` says so. Intervals of the
+    frequency hold 91 to 98 % in simulations, those of damping 87 to 98 %.
 
     Parameters
     ----------
@@ -88,11 +92,16 @@ def fit_peak(
         segment = longer
     damping = min(half_width / frequency, 0.5)
     limited = half_width * segment < 0.5 * BINS_PER_HALF_WIDTH
-    law = INEFFICIENCY * np.array(ambient_law(damping, duration * frequency, reach=2.0))
+    law = inefficiency(damping * duration * frequency) * np.array(
+        ambient_law(damping, duration * frequency, reach=2.0)
+    )
     resolution = 0.25 / (segment * frequency) if limited else 0.0
     return Identified(
         frequency_hz=Measured(frequency, frequency * float(np.hypot(law[0], resolution))),
-        damping_ratio=Measured(damping, damping * float(min(law[1], 1.0))),
+        # What the segments' own width takes away from the width that is seen keeps its error.
+        damping_ratio=Measured(
+            damping, damping * float(min(law[1], 1.0)) * (seen / half_width) ** 2
+        ),
         correlation=0.0,
         snr_db=candidate.prominence_db,
         amplitude=float(np.sqrt(top * np.pi / 2 * half_width)),
@@ -100,6 +109,21 @@ def fit_peak(
         span_s=(0.0, duration),
         flags=("resolution_limited",) if limited else (),
     )
+
+
+def inefficiency(resolved: float) -> float:
+    """Ratio of the peak's standard errors to those of the likelihood in the same band.
+
+    Parameters
+    ----------
+    resolved
+        Product of damping ratio and number of cycles in the record [1].
+
+    Returns
+    -------
+    Ratio [1].
+    """
+    return INEFFICIENCY + UNRESOLVED / (1.0 + (resolved / RESOLVED_FROM) ** 2)
 
 
 def _parabola(
