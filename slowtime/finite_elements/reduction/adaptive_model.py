@@ -152,6 +152,8 @@ class _Prepared:
     fixed: np.ndarray
     responses: np.ndarray
     mass_responses: np.ndarray
+    sizes: np.ndarray
+    mass_sizes: np.ndarray
     inside: np.ndarray
     unity: bool
 
@@ -222,7 +224,8 @@ class AdaptiveModel:
         responses = across.reshape(len(self.names), math.prod(across.shape[1:]))
         inside = self.stiffness_parts.columns.T @ fixed
         moved = _across(fixed, self.mass_responses)
-        return _Prepared(fixed, responses, moved, inside, unity)
+        sizes = np.linalg.norm(across, axis=1), np.linalg.norm(moved, axis=1)
+        return _Prepared(fixed, responses, moved, *sizes, inside, unity)
 
     @functools.cached_property
     def _dense(self) -> tuple[np.ndarray, np.ndarray]:
@@ -249,10 +252,12 @@ class AdaptiveModel:
         One column for each coordinate, over the candidates.
         """
         ready = self._prepared
-        response = (theta / np.maximum(1.0 + theta, 1.0 - LARGEST)) @ ready.responses
-        response = response.reshape(self.responses.shape[1:])
+        factor = theta / np.maximum(1.0 + theta, 1.0 - LARGEST)
+        response = (factor @ ready.responses).reshape(self.responses.shape[1:])
+        response = _above_rounding(response, factor, ready.sizes)
         if self._weighs:
             moved = np.tensordot(theta, ready.mass_responses, 1)
+            moved = _above_rounding(moved, theta, ready.mass_sizes)
             response = np.concatenate([response, moved], axis=1)
         gram = response.T @ response
         if not gram.any():
@@ -363,3 +368,13 @@ def _across(fixed: np.ndarray, responses: np.ndarray) -> np.ndarray:
     left = responses - fixed @ (fixed.T @ responses)
     size, whole = np.linalg.norm(left, axis=1), np.linalg.norm(responses, axis=1)
     return np.ascontiguousarray(np.where((size > NOISE * whole)[:, None, :], left, 0.0))
+
+
+def _above_rounding(response: np.ndarray, factor: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """Columns of a weighted sum of responses, zero where the terms cancel but for rounding.
+
+    They do where all parts change alike, as by temperature: the shapes stay. What rounding
+    leaves is no longer orthogonal to the fixed columns once it is scaled to unit length.
+    """
+    kept = np.linalg.norm(response, axis=0) > NOISE * (np.abs(factor) @ sizes)
+    return np.where(kept, response, 0.0)

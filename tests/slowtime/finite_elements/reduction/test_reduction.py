@@ -53,6 +53,16 @@ def test_reduced_frequencies_are_upper_bounds_and_exact_at_zero(tower, reduced):
     assert (reduced.modes(theta, 12).eigenvalue > true * (1 - 1e-6)).all()
 
 
+@pytest.mark.parametrize("change", [-0.1, 0.01, 0.5])
+@pytest.mark.parametrize("coordinates", [30, 60, 140])
+def test_a_common_change_of_all_parts_scales_the_frequencies(change, coordinates):
+    model = assemble(small_tower(6))
+    reduced = reduce_modal(model, BasisSettings(modes=8, coordinates=coordinates), trials=0)
+    nominal = nominal_modes(model, 8).frequency_hz
+    found = reduced.modes(np.full(6, change), 8).frequency_hz
+    np.testing.assert_allclose(found, nominal * np.sqrt(1.0 + change), rtol=1e-5)
+
+
 def test_shapes_of_the_reduced_model_are_mass_normalised(tower, reduced):
     theta = np.random.default_rng(3).uniform(-0.3, 0.3, 12)
     shapes = reduced.basis @ reduced.modes(theta, 8).shapes
