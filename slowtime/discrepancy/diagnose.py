@@ -32,7 +32,14 @@ from .free_decay.records import is_free_decay, without_standstill, without_tones
 from .hypothesis import Hypothesis
 from .imposed_motion.diagnosis import diagnose_imposed_motion
 from .imposed_motion.records import is_imposed
-from .large_models import enlarge, is_large, reasons_against, reduce_for
+from .large_models import (
+    ReducedModel,
+    enlarge,
+    fit_constants,
+    is_large,
+    reasons_against,
+    reduce_for,
+)
 from .localization import NodePair, likely_pairs
 from .open_joints import strip_joints, with_open_joints
 from .progress import Monitor, Progress, Stop
@@ -142,7 +149,7 @@ def _diagnose(
     if reduced is None:
         campaign, found = _searched(campaign, windows, how)
     else:
-        campaign, found = _searched_reduced(campaign, windows[-1], how)
+        campaign, found = _searched_reduced(campaign, reduced, windows[-1], how)
     tell("validating on data that were not fitted", 0.92)
     monitor = None if options.quick or tell.is_ended else tell
     answer = report(
@@ -199,16 +206,13 @@ def _searched(
 
 
 def _searched_reduced(
-    campaign: Campaign, trials: tuple[Trial, ...], how: SearchSettings
+    campaign: Campaign, reduced: ReducedModel, trials: tuple[Trial, ...], how: SearchSettings
 ) -> tuple[Campaign, Hypothesis]:
-    """Search in a reduced model, whose fits take seconds: few laws, and holds as stated.
-
-    Constants begin as claimed: its many combinations bend to make up for what is missing.
-    """
+    """Search in a reduced model, whose fits take seconds: few laws, and holds as stated."""
     few = dataclasses.replace(how, options=dataclasses.replace(how.options, quick=True))
     few = dataclasses.replace(few, stated=None)
-    first = refit(Plant.of(campaign.description, kinds=how.kinds), trials)
-    found = grow(Hypothesis((first,), trials), few)
+    plant = Plant.of(campaign.description, kinds=how.kinds)
+    found = grow(Hypothesis((fit_constants(reduced, plant, trials),), trials), few)
     # Neighbours explain nearly as much, and a budget that ends leaves the likeliest untried: no
     # place is told that was not compared with the others, whatever that takes.
     joints = [one for one in campaign.description.elements if isinstance(one, OpenJoint)]

@@ -5,10 +5,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from slowtime.discrepancy.calibration import Fit, prior_of, refit
-from slowtime.discrepancy.calibration.tolerances import fit_within_tolerances
+from slowtime.discrepancy.calibration import Fit, prior_of, refit, try_refit
+from slowtime.discrepancy.calibration.model_values import with_values
 from slowtime.discrepancy.diagnosis import Diagnosis, Number
-from slowtime.discrepancy.localization.latent_force import LatentForceSolver
 from slowtime.discrepancy.localization.ranking import linearise
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.records import Trial
@@ -26,9 +25,6 @@ from .screening import likeliest_parts
 MOST_COORDINATES = 40
 """[coordinates] Of a model that is diagnosed as it is. Source: with all constants free, one
 linearisation of 24 masses over 60 s at 100 Hz takes a second, and a search some hundreds."""
-FAR_CHI2 = 10.0
-"""[noise variances] Mean square beyond which what is missing does more than constants within
-their tolerances. Source: linearised constants of a chain of 200 masses leave 1.5 of it."""
 MOST_MODES = 60
 """[modes] Within the band of the inputs. Source: one linearisation takes a quarter of a second
 with 19 and grows with their square; a search takes a hundred."""
@@ -84,14 +80,40 @@ def reduce_for(
     whole = reduce_model(large, modes, main_directions(solver, bare.basis, large, ()))
     claimed = _with_constants(start, Plant.of(whole.small, kinds=kinds))
     tell("comparing a force between any two points", 0.04)
-    free = linearise(claimed, records)[0]
-    small_links = _left_chi2(free) < FAR_CHI2
-    if small_links:
-        fit = fit_within_tolerances(claimed.plant, records)
-        free = free if fit is None else linearise(fit, records)[0]
-    kept = likeliest_parts(free, large, whole.basis, small_links=small_links)
+    # Held within tolerances, constants would leave what is no linear response to any change.
+    fit = try_refit(claimed.plant, records)
+    about_fit = None if fit is None else linearise(fit, records)[0]
+    kept = likeliest_parts(linearise(claimed, records)[0], about_fit, large, whole.basis)
     own = {*kept.elements, *kept_points(large, kept)}
-    return reduce_model(large, modes, main_directions(solver, bare.basis, large, own), kept)
+    found = reduce_model(large, modes, main_directions(solver, bare.basis, large, own), kept)
+    if fit is None:
+        return found
+    values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
+    fitted = whole.constants_at(with_values(whole.small, values))
+    return dataclasses.replace(found, fitted=fitted)
+
+
+def fit_constants(reduced: ReducedModel, plant: Plant, trials: Sequence[Trial]) -> Fit:
+    """Fit a plant of the reduced description from its constants as claimed, and as fitted.
+
+    Where resonances are off by their widths, a fit may end far from the optimum: of two starts
+    the one that ends at less is taken.
+    """
+    first = refit(plant, trials)
+    if not reduced.fitted:
+        return first
+    values = reduced.fitted_values(plant)
+    # From rest, the first steps would bend constants for what initial states are off by.
+    still = try_refit(plant, trials, free=[], noise=first.noise, values=values, horizons=(1.0,))
+    if still is None:
+        return first
+    other = try_refit(
+        plant, trials, noise=first.noise, values=values, states=still.states, horizons=(1.0,)
+    )
+    if other is None or first.cost <= other.cost:
+        return first
+    # The noise was estimated from what the worse fit left.
+    return refit(plant, trials, values=other.values, states=other.states, horizons=(1.0,))
 
 
 def reduce_plainly(
@@ -124,16 +146,6 @@ def _start(
 def _with_constants(start: Fit, plant: Plant) -> Fit:
     """Give a fit constants that may be off, at their claimed values."""
     return dataclasses.replace(start, plant=plant, prior=prior_of(plant), values=plant.values)
-
-
-def _left_chi2(solver: LatentForceSolver) -> float:
-    """Mean square over the noise that constants leave, linearised, without any force."""
-    found = solver.iterate(None, rounds=1).explained
-    left = [
-        np.mean(np.abs(force.left) ** 2 / trial.noise)
-        for force, trial in zip(found.forces, solver.trials, strict=True)
-    ]
-    return float(np.mean(left))
 
 
 def enlarge(

@@ -25,7 +25,7 @@ from slowtime.dynamics.description import (
     assemble_parts,
 )
 from slowtime.dynamics.elements import ROTATION, Element, packed
-from slowtime.dynamics.plant import Name
+from slowtime.dynamics.plant import Name, Plant
 from slowtime.dynamics.structure import Structure
 
 from .basis import BandModes, Basis
@@ -66,12 +66,29 @@ class ReducedModel:
         Motion of the large model's coordinates, by those of the reduced one.
     directions
         Of the constants, by their kind.
+    fitted
+        Constants of the large model where a fit of them ended.
     """
 
     large: Description
     small: Description
     basis: Basis
     directions: Mapping[str, Directions]
+    fitted: Mapping[Name, float] = dataclasses.field(default_factory=dict)
+
+    def fitted_values(self, plant: Plant) -> Float[np.ndarray, " parameter"]:
+        """Values of a plant of the reduced description at the constants that were fitted."""
+        own: dict[Name, float] = dict(self.fitted)
+        stated = constant_values(self.large)
+        for what, directions in self.directions.items():
+            changes = [
+                self.fitted[name] / stated[name] - 1 if stated[name] else 0.0
+                for name in directions.constants
+            ]
+            factors = 1 + directions.mixture.T @ np.array(changes)
+            own |= {(what, f"{what} direction {i + 1}"): f for i, f in enumerate(factors)}
+        before = zip(plant.parameters, plant.values.tolist(), strict=True)
+        return np.array([own.get(name, value) for name, value in before])
 
     def constants_at(self, small: Description) -> dict[Name, float]:
         """Values of the large model's constants at those of a reduced description."""

@@ -1,66 +1,66 @@
 """Places of a large model between which something is likeliest missing.
 
-Between any two points something may be missing: a force there is tried for all pairs, without
-constants of the model (`many_points`), and with them for the likeliest (`latent_force`).
+Between any two points something may be missing. Two rankings of all pairs are taken in turn:
+
+- A force of any size, about the model as claimed: first without constants (`many_points`), and
+  for the likeliest beside them (`latent_force`).
+- Score test of a spring, a damper and a mass, about the fit of all constants (`pair_ranking`).
+  Many constants nearly make up for a change of one, and what shows it is how far they moved.
 """
 
 import itertools
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float
 
 from slowtime.discrepancy.localization.latent_force import LatentForceSolver
 from slowtime.discrepancy.localization.linear_response import ForceSource
 from slowtime.discrepancy.localization.many_points import Ends, PointShapes, free_force_gains
-from slowtime.discrepancy.localization.pair_ranking import PairScreening
+from slowtime.discrepancy.localization.pair_ranking import NodePair, PairScreening
 from slowtime.discrepancy.workers import map_shared
-from slowtime.dynamics.description import BASE, Description, Matrix, OpenJoint
+from slowtime.dynamics.description import BASE, Description, OpenJoint, Spring
 from slowtime.dynamics.effects import Place
 
 from .basis import Basis
 from .reduction import Kept
 
-MOST_SCREENED = 2_000
-"""[pairs] Likeliest by a free force, of which a small link is asked for. Source: a tenth of the
-pairs of 200 points; a bound on computing time."""
+MOST_AT_ONCE = 12_000
+"""[pairs] Whose products with constants are held at once. Source: a bound on memory, 70 MB for
+each array of 250 constants and initial states."""
 MOST_RANKED = 60
-"""[pairs] Likeliest of all, which are ranked beside constants of the model. Source: of four
-missing links of a chain of 200 masses, each was among the first six."""
+"""[pairs] Likeliest by a free force, which are ranked beside constants of the model. Source:
+of four missing links of a chain of 200 masses, each was among the first six."""
 KEPT_PAIRS = 4
-"""[pairs] Likeliest ones that a search is given. Source: the missing link of these was the
-first; the others are its neighbours, with which it is compared."""
-
-Gains = Float[np.ndarray, " pair"]
+"""[pairs] Likeliest ones that a search is given. Source: the missing link was the first of one
+of two rankings; the others are its neighbours, with which it is compared."""
 
 
 def likeliest_parts(
-    solver: LatentForceSolver, large: Description, basis: Basis, *, small_links: bool
+    claimed: LatentForceSolver,
+    fitted: LatentForceSolver | None,
+    large: Description,
+    basis: Basis,
 ) -> Kept:
     """Choose the parts of a large model that a search is to be given.
 
     Parameters
     ----------
-    solver
-        Linearised about a run of the reduced model.
+    claimed, fitted
+        Linearised about runs of the reduced model, with its constants as claimed and fitted.
     basis
         Of the reduced model.
-    small_links
-        Whether what is missing may do less than constants within their tolerances.
     """
     names, ends = _pairs(large)
     flexibility = np.zeros((len(names) - 1,) * 2)
     rows = [large.dofs.index(name) for name in names[:-1]]
     points = PointShapes(tuple(names[:-1]), basis[rows], flexibility)
-    free = np.argsort(-free_force_gains(solver, points, ends))
-    chosen = free[:MOST_RANKED]
-    if small_links:
-        few = free[:MOST_SCREENED]
-        pairs = [(names[i], names[j]) for i, j in ends[few]]
-        gains = PairScreening(solver, pairs, points).gains()
-        chosen = few[np.argsort(-gains)][:MOST_RANKED]
-    ranked = chosen[np.argsort(-_gains_beside_constants(solver, points, ends[chosen]))]
-    return _parts(large, [(names[i], names[j]) for i, j in ends[ranked[:KEPT_PAIRS]]])
+    pairs = [(names[i], names[j]) for i, j in ends]
+    orders = [_by_free_force(claimed, points, ends)]
+    if fitted is not None:
+        orders.append(_by_score(fitted, points, pairs))
+    in_turn = itertools.chain.from_iterable(zip(*orders, strict=True))
+    chosen = itertools.islice(dict.fromkeys(in_turn), KEPT_PAIRS)
+    return kept_parts(large, [pairs[i] for i in chosen])
 
 
 def _pairs(large: Description) -> tuple[list[str], Ends]:
@@ -70,30 +70,41 @@ def _pairs(large: Description) -> tuple[list[str], Ends]:
     return names, np.array(list(itertools.combinations(range(len(names)), 2)))
 
 
-def _gains_beside_constants(
-    solver: LatentForceSolver, points: PointShapes, ends: Ends
-) -> Gains:
-    """Log likelihood [nats] of a force between each pair, constants within their tolerances."""
+def _by_free_force(solver: LatentForceSolver, points: PointShapes, ends: Ends) -> list[int]:
+    """Sort the likeliest pairs by the likelihood of a force there, beside constants."""
+    among = np.argsort(-free_force_gains(solver, points, ends))[:MOST_RANKED]
     still = np.zeros((1, points.shapes.shape[1]))
     shapes = np.concatenate([points.shapes, still])
 
     def likelihood(number: int) -> float:
-        first, second = ends[number]
+        first, second = ends[among[number]]
         place = Place("element", f"pair {number}")
         source = ForceSource(place=place, force=shapes[second] - shapes[first])
         return solver.iterate(source, rounds=1).likelihood
 
-    found = map_shared(likelihood, range(len(ends)), (solver, solver.linear, solver.known))
-    return np.array(found)
+    found = map_shared(likelihood, range(len(among)), (solver, solver.linear, solver.known))
+    return list(among[np.argsort(-np.array(found))].tolist())
 
 
-def _parts(large: Description, pairs: Sequence[tuple[str, str]]) -> Kept:
+def _by_score(
+    solver: LatentForceSolver, points: PointShapes, pairs: Sequence[NodePair]
+) -> list[int]:
+    """Sort the likeliest pairs by what a small spring, damper and mass gain there."""
+    gains = [
+        PairScreening(solver, pairs[first : first + MOST_AT_ONCE], points).gains()
+        for first in range(0, len(pairs), MOST_AT_ONCE)
+    ]
+    return list(np.argsort(-np.concatenate(gains))[:MOST_RANKED].tolist())
+
+
+def kept_parts(large: Description, pairs: Sequence[NodePair]) -> Kept:
     """Keep what joins each pair, or a place for it, and nodes that something holds."""
     every = len(large.dofs) * (len(large.dofs) + 1) // 2 - len(large.elements)
     grounded = {BASE, *(one.id for one in large.supports)}
     joined: dict[frozenset[str], list[str]] = {}
     for part in large.elements:
-        if not isinstance(part, Matrix):
+        # A beam joins what turns, too: a force across its ends is none of its own.
+        if isinstance(part, Spring):
             ends = frozenset(BASE if end in grounded else end for end in part.between)
             joined.setdefault(ends, []).append(part.id)
     elements: list[str] = []

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from slowtime.discrepancy.calibration.model_values import with_values
 from slowtime.discrepancy.large_models import is_large, reasons_against, reduce_plainly
 from slowtime.discrepancy.large_models.basis import BandModes, band_limit_hz
 from slowtime.discrepancy.large_models.reduction import Kept, reduce_model
@@ -73,6 +74,16 @@ def test_directions_change_readings_as_the_constants_that_they_combine(given, re
     )
     moved = np.std((whole - before)[500:], axis=0)
     assert (np.std((few - whole)[500:], axis=0) < 0.05 * moved).all()
+
+
+def test_constants_that_were_fitted_are_told_in_directions(reduced):
+    plant = Plant.of(reduced.small)
+    name = "stiffness", "stiffness direction 1"
+    moved = with_values(reduced.small, {name: 1.02})
+    known = dataclasses.replace(reduced, fitted=reduced.constants_at(moved))
+    values = dict(zip(plant.parameters, known.fitted_values(plant), strict=True))
+    expected = dict(zip(plant.parameters, plant.values, strict=True)) | {name: 1.02}
+    assert values == pytest.approx(expected)
 
 
 def test_a_joint_and_its_effect_are_added_to_the_large_model(given):
