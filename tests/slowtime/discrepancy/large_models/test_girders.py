@@ -6,6 +6,7 @@ import pytest
 from slowtime.discrepancy.large_models import is_large, reasons_against
 from slowtime.discrepancy.large_models.screening import kept_parts
 from slowtime.dynamics.description import assemble
+from tests.slowtime.discrepancy.large_models.budgets import MOST_S, diagnosed
 from tests.slowtime.discrepancy.large_models.chains import TOLERANCE, Matrices
 from tests.slowtime.discrepancy.large_models.girders import (
     AT_HZ,
@@ -48,3 +49,11 @@ def test_beams_are_not_kept_as_springs_across_their_ends():
     kept = kept_parts(model, [(name(0, 3), name(0, 4)), (name(0, 4), name(1, 4))])
     assert [joint.between for joint in kept.joints] == [(name(0, 3), name(0, 4))]
     assert kept.elements == ("k1.4",)
+
+
+@pytest.mark.long
+def test_where_girders_lack_nothing_nothing_is_named():
+    answer, spent, _ = diagnosed(campaign(lambda true: None))
+    assert answer.verdict in ("nothing_missing", "parameters_only")
+    assert not answer.effects
+    assert spent < MOST_S
