@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 from jaxtyping import Float, Shaped
-from scipy import signal
 
 from slowtime_services.argument_checks import Positive, checked
 from slowtime_services.declared import takes
@@ -341,7 +341,7 @@ class Signals:
                     f"{SHORTEST_SEGMENT / self.rate_hz:g} and {len(self) / self.rate_hz:g} s."
                 )
             count = min(max(round(length), SHORTEST_SEGMENT), len(self))
-        frequency, density = signal.welch(
+        frequency, density = scipy.signal.welch(
             np.asarray(self.samples, dtype=float), self.rate_hz, nperseg=count, axis=0
         )
         return frequency, density

@@ -122,7 +122,7 @@ class Words:
         Examples
         --------
         >>> Words().digits(3.0, 4), Words("de").digits(8.40312, 4), Words().digits(12345.0, 4)
-        ('3.000', '8,403', '12,300')
+        ('3.000', '8,403', '12,340')
         """
         if not 1.0 <= abs(value) < 10.0 ** (digits - 1):
             return self.number(value, digits)

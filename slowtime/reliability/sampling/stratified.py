@@ -33,6 +33,7 @@ def stratified(problem: Problem, rng: np.random.Generator, stopping: Stopping) -
 
     Examples
     --------
+    >>> from scipy.special import chdtrc
     >>> from slowtime.reliability.problem import unknowns
     >>> sphere = Problem(unknowns(3), lambda u: 25.0 - np.sum(u**2, axis=1))
     >>> found = stratified(sphere, np.random.default_rng(0), Stopping())

@@ -51,8 +51,8 @@ class Heard(NamedTuple):
         >>> second = Heard.next(Heard.next(None, 0, 0), 600 * 10**9, 600 * 10**9)
         >>> second.late_s(1800 * 10**9), second.late_s(3600 * 10**9)
         (0, 2400)
-        >>> second.late_s(3600 * 10**9, gathered_s=900.0), second.late_s(3600 * 10**9, 3600.0)
-        (1500, 0)
+        >>> second.late_s(4200 * 10**9, gathered_s=900.0), second.late_s(3600 * 10**9, 3600.0)
+        (2100, 0)
         """
         age_s, spacing_s = (now_ns - self.at_ns) / 1e9, self.spacing_ns / 1e9
         if not spacing_s or age_s < max(MISSED * spacing_s, SHORTEST_S) + gathered_s:

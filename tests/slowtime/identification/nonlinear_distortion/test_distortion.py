@@ -199,7 +199,7 @@ def test_a_period_is_found_in_noise():
 
 
 def test_what_does_not_repeat_is_refused():
-    with pytest.raises(ValueError, match=r"repeats with a correlation of .* --period"):
+    with pytest.raises(ValueError, match=r"repeats with a correlation of .* `period`"):
         find_period(np.random.default_rng(0).standard_normal(4000))
 
 
