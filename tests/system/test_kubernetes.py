@@ -9,6 +9,7 @@ import pytest
 import yaml
 
 from slowtime_cli.__main__ import app
+from slowtime_cli.shared.verb_groups import VerbGroup
 
 FOLDER = Path(__file__).parents[2] / "services/kubernetes"
 VERSION = "1.37"
@@ -56,11 +57,9 @@ def test_a_manifest_with_a_misspelt_field_would_not_be():
 def test_a_container_runs_a_command_that_there_is_with_options_that_it_has(container):
     verb, *arguments = container["args"]
     command: Any = app.get_command(click.Context(app), verb)
-    if isinstance(command, click.Group):
-        context = click.Context(command)
-        name = (
-            arguments[0] if arguments[0] in command.list_commands(context) else command.default
-        )
+    if isinstance(command, VerbGroup):
+        context, first = click.Context(command), arguments[0]
+        name = first if first in command.list_commands(context) else command.default
         command = command.get_command(context, name)
     known = {option for one in command.params for option in one.opts}
     given = {one.partition("=")[0] for one in arguments if one.startswith("--")}
