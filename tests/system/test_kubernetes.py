@@ -57,9 +57,10 @@ def test_a_manifest_with_a_misspelt_field_would_not_be():
 def test_a_container_runs_a_command_that_there_is_with_options_that_it_has(container):
     verb, *arguments = container["args"]
     command: Any = app.get_command(click.Context(app), verb)
-    if isinstance(command, VerbGroup):
-        context, first = click.Context(command), arguments[0]
-        name = first if first in command.list_commands(context) else command.default
+    if isinstance(command, click.Group):
+        context, name = click.Context(command), arguments[0]
+        if isinstance(command, VerbGroup) and name not in command.verbs:
+            name = command.default
         command = command.get_command(context, name)
     known = {option for one in command.params for option in one.opts}
     given = {one.partition("=")[0] for one in arguments if one.startswith("--")}
