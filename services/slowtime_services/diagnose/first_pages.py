@@ -33,6 +33,10 @@ MOST_RIVALS, LEAST = 4, 0.01
 """Rivals that stand beside the answer [1], and the least probability of one [1]. Source: below
 it a rival has lost by more than a factor of a hundred."""
 
+ALIKE_NATS = 2.0
+"""Difference of log likelihood [nat] up to which a force at one place explains as much as one
+at another. Source: half the 3.84 of the likelihood ratio test of one parameter at 5 %."""
+
 MORE_PATIENCE = 4.0
 """Times the budget [1] with which a search that it ended is to be repeated. Source: judgement;
 twice is seldom another law, and eight times named no more in hidden cases (decision 0029)."""
@@ -178,6 +182,23 @@ def _rivals(document: DiagnosisFile, words: Words) -> Iterator[Alternative]:
         nats = words.number(best.score, 2)
         told = words("diagnosis.best_force", nats=nats, p=words.number(best.p_value, 2))
         yield Alternative(words("diagnosis.unknown_force", place=place), told)
+    yield from _alike_places(document, words)
+
+
+def _alike_places(document: DiagnosisFile, words: Words) -> Iterator[Alternative]:
+    """Give the places where a force explains as much as at that of an effect that was found."""
+    scores = {Where(kind=one.kind, id=one.id): one.score for one in document.where}
+    for place in dict.fromkeys(effect.where for effect in document.effects):
+        own = scores.get(place)
+        alike = [
+            place_in(other, words)
+            for other, score in scores.items()
+            if own is not None and other != place and abs(score - own) <= ALIKE_NATS
+        ]
+        if alike:
+            found = words("diagnosis.unknown_force", place=", ".join(alike))
+            told = words("diagnosis.alike_places", place=place_in(place, words))
+            yield Alternative(found, told)
 
 
 def _actions(diagnosis: Diagnosis, document: DiagnosisFile, words: Words) -> Iterator[str]:

@@ -155,8 +155,8 @@ def _where(document: DiagnosisFile) -> Section:
     when = document.when
     words = []
     if when.bands_hz:
-        bands = ", ".join(f"{low:.4g} to {high:.4g} Hz" for low, high in when.bands_hz)
-        words.append(f"What the model leaves unexplained stands out between {bands}.")
+        bands = ", ".join(f"between {low:.4g} and {high:.4g} Hz" for low, high in when.bands_hz)
+        words.append(f"What the model leaves unexplained stands out {bands}.")
     if when.times_s:
         spans = ", ".join(f"{first:.4g} to {last:.4g} s" for first, last in when.times_s[:12])
         words.append(f"What the model leaves unexplained stands out at campaign times {spans}.")
@@ -180,7 +180,7 @@ def _constants(diagnosis: Diagnosis, document: DiagnosisFile) -> Section:
     rows = [
         (
             last.label, f"{last.given:.6g}", f"{first.fitted:.6g}", f"{last.fitted:.6g}",
-            f"{100 * last.share:+.2f} %" if last.given else "",
+            _signed_percent(last.share) if last.given else "",
         )
         for first, last in zip(refitted, augmented, strict=True)
     ]  # fmt: skip
@@ -191,6 +191,12 @@ def _constants(diagnosis: Diagnosis, document: DiagnosisFile) -> Section:
     ]
     headings = ("constant", "as given", "refitted", "augmented", "change")
     return Section("Constants", words, [Table(headings, rows)])
+
+
+def _signed_percent(share: float) -> str:
+    """Write a change in percent; one that rounds to nothing has no sign."""
+    text = f"{100 * share:+.2f} %"
+    return text[1:] if float(text[:-2]) == 0.0 else text
 
 
 def _account(document: DiagnosisFile) -> Section:

@@ -16,6 +16,10 @@ WORDS = re.compile(r"[A-Za-z]{2,} [A-Za-z]{2,}")
 """Two words in a row, which no formula and no name of a method has."""
 
 
+FREQUENCY = re.compile(r"\d\S* Hz")
+"""A name of a mode; other names of marks on an axis, as of channels, are not changed."""
+
+
 class English(str):
     """A text that stays English on a page of another language."""
 
@@ -98,10 +102,14 @@ def _chart(chart: Chart, words: Words) -> Chart:
 
 
 def _titled(part: Mapping[str, Any], words: Words) -> dict[str, Any]:
-    title = part.get("title")
-    if not isinstance(title, Mapping):
-        return dict(part)
-    return {**part, "title": {**title, "text": _phrase(title["text"], words)}}
+    told, title = dict(part), part.get("title")
+    if isinstance(title, Mapping):
+        told["title"] = {**title, "text": _phrase(title["text"], words)}
+    if "ticktext" in part:
+        told["ticktext"] = [
+            _phrase(one, words) if FREQUENCY.fullmatch(one) else one for one in part["ticktext"]
+        ]
+    return told
 
 
 def _trace(trace: Mapping[str, Any], words: Words) -> dict[str, Any]:
@@ -110,6 +118,8 @@ def _trace(trace: Mapping[str, Any], words: Words) -> dict[str, Any]:
         told["name"] = _phrase(told["name"], words)
     if "colorbar" in told:
         told["colorbar"] = _titled(told["colorbar"], words)
+    if told.get("type") == "heatmap" and "text" in told:
+        told["text"] = [_phrases(row, words) for row in told["text"]]
     if told.get("type") == "bar":
         told |= {part: _phrases(told[part], words) for part in ("x", "text") if part in told}
     return told

@@ -9,6 +9,7 @@ import datetime
 import html
 import importlib.metadata
 import os
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Literal
@@ -31,6 +32,8 @@ would leave the sheet."""
 
 LONG_FACT = 45
 """Letters of a fact [1] from which it has a row of its own: two lines of a column in print."""
+
+_DATE, _PERCENT = re.compile(r"\d{4}-\d\d-\d\d"), re.compile(r"(?<=\d) %")
 
 MOST_ALTERNATIVES = 6
 """Other answers on a first page [1]: with more, it is none."""
@@ -216,22 +219,19 @@ def first_page(page: FirstPage, words: Words, picture: str) -> str:
             '<header class="first">',
             f'<p class="kind">{_escaped(words(f"kind.{page.kind}"))} · '
             f"{_escaped(page.subject)}</p>",
-            f'<p class="question">{_escaped(page.question)}</p>',
+            f'<p class="question">{_whole(page.question)}</p>',
             '<div class="beside"><div class="told">',
-            f"<h1{long}>{_escaped(page.answer)}</h1>",
+            f"<h1{long}>{_whole(page.answer)}</h1>",
             f'<p class="confidence {page.confidence.level}"><strong>'
             f"{_escaped(_how_sure(page.confidence, words))}</strong> "
-            f"{_escaped(page.confidence.number)}</p>",
-            *(
-                [f'<p class="definition">{_escaped(page.definition)}</p>']
-                * bool(page.definition)
-            ),
+            f"{_whole(page.confidence.number)}</p>",
+            *([f'<p class="definition">{_whole(page.definition)}</p>'] * bool(page.definition)),
             "</div>",
             *_alternatives(page, words),
             "</div>",
             f'<div class="shown">{picture}{_sketch(page, words)}</div>',
             f'<div class="do"><h2>{_escaped(words("do"))}</h2><ol>',
-            *(f"<li>{_escaped(action)}</li>" for action in page.actions),
+            *(f"<li>{_whole(action)}</li>" for action in page.actions),
             "</ol></div>",
             *_improvement(page.improvement, words),
             *_facts(page, words),
@@ -244,6 +244,12 @@ def _escaped(text: str) -> str:
     return html.escape(text)
 
 
+def _whole(text: str) -> str:
+    """Escape a text whose dates, and numbers with their %, lines do not break."""
+    escaped = _PERCENT.sub("\u00a0%", _escaped(text))
+    return _DATE.sub(r'<span class="date">\g<0></span>', escaped)
+
+
 def _how_sure(confidence: Confidence, words: Words) -> str:
     return confidence.said or words(f"confidence.{confidence.level}")
 
@@ -253,7 +259,7 @@ def _alternatives(page: FirstPage, words: Words) -> Iterator[str]:
     if page.alternatives:
         yield "<ul>"
         for one in page.alternatives[:MOST_ALTERNATIVES]:
-            yield f"<li>{_escaped(one.name)} <span>{_escaped(one.measure)}</span></li>"
+            yield f"<li>{_whole(one.name)} <span>{_whole(one.measure)}</span></li>"
         more = len(page.alternatives) - MOST_ALTERNATIVES
         if more > 0:
             yield f"<li>{_escaped(words('alternatives_more', n=more))}</li>"
@@ -281,7 +287,7 @@ def _improvement(one: Improvement | None, words: Words) -> Iterator[str]:
     said = [_change("given", one.given, one.final, words)]
     if one.refitted is not None:
         said.append(_change("refitted", one.refitted, one.final, words))
-    yield f"<p>{_escaped(' '.join(said))} {_escaped(one.meaning)}</p></div>"
+    yield f"<p>{_whole(' '.join(said))} {_escaped(one.meaning)}</p></div>"
 
 
 def _change(which: str, before: float, after: float, words: Words) -> str:
@@ -303,7 +309,7 @@ def _facts(page: FirstPage, words: Words) -> Iterator[str]:
     yield '<dl class="facts">'
     for label, value in rows:
         wide = ' class="long"' if len(value) > LONG_FACT else ""
-        yield f"<div{wide}><dt>{_escaped(label)}</dt><dd>{_escaped(value)}</dd></div>"
+        yield f"<div{wide}><dt>{_escaped(label)}</dt><dd>{_whole(value)}</dd></div>"
     yield "</dl>"
 
 

@@ -193,7 +193,9 @@ def charts_in(page: str) -> Iterator[tuple[str, Chart]]:
 
 def _told(sections: Sequence[Section], head: str) -> Iterator[Section]:
     """Yield sections without sentences that stand before them; none that is left empty."""
-    visible = re.sub(r"<script.*?</script>", "", head, flags=re.DOTALL)
+    visible = re.sub(
+        r'<script.*?</script>|<span class="date">|</span>', "", head, flags=re.DOTALL
+    )
     said = [_key(html.unescape(text)) for text in re.findall(r">([^<]+)<", visible)]
 
     def fresh(text: str) -> str:

@@ -33,6 +33,7 @@ from slowtime_services.reports.kinds.plan_details import plan_sections
 from slowtime_services.reports.kinds.plan_options import amount_text
 from slowtime_services.reports.kinds.plan_pictures import change_chart
 from slowtime_services.reports.kinds.state import Reference, state_page, write_state_report
+from slowtime_services.reports.page import STYLE
 from slowtime_services.reports.words import FOLDER
 from tests.services.reports.reports_of_each_kind import (
     CHANNELS,
@@ -67,11 +68,13 @@ SAYS = {
                      "Letzter sicherer Tag, eine Reparatur zu bestellen: 2028-12-28 "
                      "(in 2,1 Jahren).", "61.200 EUR", "0,5 Jahren"],
     ("state", "en"): ["Has lab.beam changed, and by how much?",
-                      "At 40 d the natural frequency has fallen by 13.40 ± 0.58 %",
+                      "At 40 d, by the last reading alone, the natural frequency has "
+                      "fallen by 13.40 ± 0.58 %", "and as much of the stiffness if mass,",
                       "unchanged, the stiffness has fallen by 25.0 ± 1.0 %.",
                       "a change of mass by 33.3 ± 1.8 % instead", "3 (The nominal model is"],
     ("state", "de"): ["Hat sich lab.beam geändert, und um wie viel?",
-                      "Bei 40 d ist die Eigenfrequenz gegenüber dem Bezug der Anmeldung "
+                      "Bei 40 d ist die Eigenfrequenz, nach der letzten Messung allein, "
+                      "gegenüber dem Bezug der Anmeldung "
                       "um 13,40 ± 0,58 % gesunken.",
                       "ist die Steifigkeit um 25,0 ± 1,0 % gesunken.",
                       "eine Änderung der Masse um 33,3 ± 1,8 %"],
@@ -144,10 +147,10 @@ def test_an_improvement_is_stated_against_both_models():
             given=40.0, refitted=20.0, final=5.0, floor=1.0, unit="%", meaning="Of what."
         ),
     )  # fmt: skip
-    text = re.sub(r"<[^>]+>", " ", first_page(page, Words("en"), ""))
+    text = " ".join(re.sub(r"<[^>]+>", " ", first_page(page, Words("en"), "")).split())
     assert "the error falls by 87.5 %." in text
     assert "to which nothing was added, it falls by 75 %." in text
-    assert " ".join(text.split()).count("40 % 20 % 5 % 1 %") == 1
+    assert text.count("40 % 20 % 5 % 1 %") == 1
 
 
 def test_a_change_that_is_not_certain_is_not_called_one():
@@ -170,7 +173,7 @@ def test_what_a_frequency_knows_is_said_where_its_parts_are_not_known():
     told[-1] |= {"mass_change": {"value": 0.1, "sd": 0.11}, "correlation": 0.9999}
     page = state_page("b", told, "both", Words("en"))
     assert page.answer.startswith(
-        "At 40 d the ratio of stiffness to mass has fallen by 18.18 ±"
+        "At 40 d, by the last reading alone, the ratio of stiffness to mass has fallen by 18.18"
     )
     assert page.confidence.level == "high"
     assert any("tell stiffness from mass" in action for action in page.actions)
@@ -208,7 +211,7 @@ def test_a_state_is_counted_from_the_reference_that_there_is():
     for one in told:
         one |= {"slow_time_unit": None, "t_ns": 0}
     learnt = state_page("b", told, "stiffness", Words("en"), reference=Reference(None, 20))
-    assert "At 40 time units the natural frequency" in learnt.answer
+    assert "At 40 time units, by the last reading alone, the natural frequency" in learnt.answer
     assert "% since the first 20 epochs." in learnt.answer
     assert "Slow time has no unit in this file." in learnt.definition
     given = state_page("b", told, "stiffness", Words("de"), reference=Reference(4.0))
@@ -224,7 +227,9 @@ def test_a_state_in_seconds_of_the_calendar_has_dates(tmp_path):
         for k, one in enumerate(states())
     ]  # fmt: skip
     page = state_page("b", told, "stiffness", Words("en"))
-    assert page.answer.startswith("At 2026-03-14 02:40 UTC the natural frequency")
+    assert page.answer.startswith("At 2026-03-14 02:40 UTC, by the last reading alone, the")
+    german = state_page("b", told, "stiffness", Words("de"))
+    assert german.answer.startswith("Am 2026-03-14 02:40 UTC ist die Eigenfrequenz")
     facts = dict(page.facts)
     assert (facts["From"], facts["Until"]) == ("2026-02-02 02:40 UTC", "2026-03-14 02:40 UTC")
     path = tmp_path / "state.html"
@@ -243,9 +248,12 @@ def test_a_state_in_seconds_of_the_calendar_has_dates(tmp_path):
 def test_a_plan_names_what_it_is_compared_with_however_dear(tmp_path):
     plan = plan_answer()
     plan["options"][2]["cost"]["value"] = 9e6
-    named = [one.name for one in plan_page(plan, Words("en")).alternatives]
-    assert named[0] == "order the repair now, done in 0.5 years"
-    assert len(named) == 2
+    plan["options"] += [copy.deepcopy(plan["options"][1]) for _ in range(4)]
+    beside = plan_page(plan, Words("en")).alternatives
+    # Of the three that are shown it is the dearest, and they stand in the order of costs.
+    assert len(beside) == 3
+    assert beside[-1].name == "order the repair now, done in 0.5 years"
+    assert beside[0].measure == "expected cost 63,000 EUR"
 
 
 def test_a_german_state_is_german_to_its_last_row(tmp_path):
@@ -283,16 +291,64 @@ def test_a_plan_tells_the_present_state_and_how_near_the_limit_is():
     plan["last_order"]["now_probability"] = 0.031
     told = plan_page(plan, Words("en")).definition
     assert told.startswith(
-        "At the last reading (812.5 d, 2026-11-21 04:00 UTC) the stiffness was down by "
-        "18.7 ± 1.2 %; limit −30 %. Failure within the 0.5 years that a repair takes if "
+        "By the trend of all readings, the stiffness was down by 18.7 ± 1.2 % at the last one "
+        "(812.5 d, 2026-11-21 04:00 UTC); limit −30 %. This holds if mass, temperature and "
+        "supports are unchanged. Failure within the 0.5 years that a repair takes if "
         "ordered now: 3.1 %."
     )
     german = plan_page(plan, Words("de")).definition
-    assert "die Steifigkeit um 18,7 ± 1,2 % gesunken; Grenze −30 %." in german
+    assert "um 18,7 ± 1,2 % gesunken; Grenze −30 %. Das gilt, wenn Masse," in german
     assert "Die Steifigkeit sinkt um mehr als 30 %." in german
     assert "unit" not in told
     bare = plan | {"time_unit": "slow_time", "slow_time_unit": None, "seconds": None}
     assert "slow time has no unit in this file." in plan_page(bare, Words("en")).definition
+
+
+def reasons_of(plan, words):
+    return " ".join(next(plan_sections(plan, words)).words)
+
+
+def test_an_order_and_its_repair_have_a_date_each():
+    plan = plan_answer()
+    done = {"ahead": 2.0, "slow_time": 1543.0, "t": "2028-11-21T00:00:00+00:00"}
+    plan["options"][0] |= {"repair": [done, done, done]}
+    told = reasons_of(plan, Words("en"))
+    assert (
+        "(order expected 2028-05-22 (in 1.5 years), repair done 2028-11-21 (in 2 years))"
+        in told
+    )
+    german = reasons_of(plan, Words("de"))
+    assert "(Bestellung voraussichtlich 2028-05-22 (in 1,5 Jahren), Reparatur fertig" in german
+    # In given months a repair may wait longer than it takes: only its own date is known.
+    bound = reasons_of(plan | {"months": [5, 6]}, Words("en"))
+    assert "(repair expected to be done 2028-11-21 (in 2 years))" in bound
+    assert "order expected" not in bound
+
+
+def test_the_accepted_probability_is_told_with_its_day_and_period():
+    plan = plan_answer()
+    plan["last_order"] |= {"probability": 0.02, "limit": 0.02}
+    told = reasons_of(plan, Words("en"))
+    assert "If the repair is ordered on the last safe day, a failure before it takes" in told
+    assert "is 2 %, from the last reading until a repair takes effect." in told
+    facts = dict(plan_page(plan, Words("en")).facts)
+    assert (
+        facts["Accepted probability"] == "2 % from the last reading until a repair takes effect"
+    )
+    bare = plan | {"seconds": None}
+    assert "If the repair is ordered at the last safe time, a" in reasons_of(bare, Words("en"))
+
+
+def test_lines_break_neither_dates_nor_numbers_before_their_percent():
+    page = FirstPage(
+        kind="plan", subject="s", question="q", answer="Until 2027-12-15: 98.5 % <b>.",
+        confidence=Confidence("high", ""), actions=["do"], measured="",
+    )  # fmt: skip
+    text = first_page(page, Words("en"), "")
+    assert (
+        '<h1>Until <span class="date">2027-12-15</span>: 98.5\N{NO-BREAK SPACE}% &lt;b' in text
+    )
+    assert re.search(r"\.date \{[^}]*nowrap", STYLE)
 
 
 def test_a_last_safe_day_before_the_report_says_to_read_again_first(monkeypatch):

@@ -14,12 +14,18 @@ from slowtime.discrepancy.report import notes, sentences
 from slowtime.dynamics.effects import Place
 from slowtime.dynamics.effects.effect_catalogue import catalogue
 from slowtime.reliability import Problem, Result, marginal
+from slowtime_cli.records.mac_charts import mac_charts
 from slowtime_services.diagnose import document_of, write_report
 from slowtime_services.reports import Section, Table, Words, page_text
+from slowtime_services.reports.details import in_language
 from slowtime_services.reports.kinds.reliability import write_reliability_report
 from slowtime_services.reports.words import FOLDER
 from tests.services.diagnose.slide import told
-from tests.services.reports.reports_of_each_kind import WRITERS, modes_with_shapes
+from tests.services.reports.reports_of_each_kind import (
+    WRITERS,
+    modal_result,
+    modes_with_shapes,
+)
 
 ROOT = Path(__file__).parents[3]
 GERMAN, ENGLISH = (
@@ -235,11 +241,41 @@ def test_translations_have_the_values_of_the_english_ones():
             "Aufzeichnungen am meisten: Hysterese (bouc_wen) (80 % ihrer Kraft; nicht über "
             "0,1 m und 2 m/s) und trockene Reibung (coulomb) (30 % ihrer Kraft).",
         ),
+        (
+            "What the model leaves unexplained stands out between 0.08 and 8.1 Hz, between 10 "
+            "and 12 Hz.",
+            "Was das Modell nicht erklärt, sticht hervor zwischen 0,08 und 8,1 Hz, zwischen 10 "
+            "und 12 Hz.",
+        ),
+        (
+            "What the model leaves unexplained stands out at campaign times 2.5 to 3.8 s.",
+            "Was das Modell nicht erklärt, sticht hervor zu den Zeiten 2,5 bis 3,8 s der "
+            "Messreihe.",
+        ),
     ],
 )
 def test_sentences_are_translated_with_their_values(english, german):
     assert Words("de").told(english) == german
     assert Words("en").told(english) == english
+
+
+def test_figures_of_a_german_mac_have_decimal_commas():
+    shown = mac_charts(modal_result(), [])
+    section = in_language(Section("Shapes", (), shown), Words("de"))
+    chart = section.shown[0]
+    assert chart.data[0]["text"][0] == ["1,00", "0,09"]
+    assert chart.layout["xaxis"]["ticktext"] == ["2,5 Hz", "7 Hz"]
+    # Names of channels stay, with the marks that they have.
+    named = dataclasses.replace(chart, layout={"xaxis": {"ticktext": ["b 1.5"]}})
+    section = in_language(Section("Shapes", (), [named]), Words("de"))
+    assert section.shown[0].layout["xaxis"]["ticktext"] == ["b 1.5"]
+
+
+def test_a_german_report_quotes_what_the_file_says_of_failure_and_period(tmp_path):
+    WRITERS["reliability"](tmp_path / "r.html", "de")
+    text = (tmp_path / "r.html").read_text(encoding="utf-8")
+    assert "Versagen heißt nach der Datei: „the beam breaks“" in text
+    assert "als Zeitraum angibt: „50 years“." in text
 
 
 def test_what_nobody_has_translated_stays_and_is_marked_and_names_are_not_changed():

@@ -13,6 +13,7 @@ from slowtime.reliability import Problem, Result, estimate, marginal
 from slowtime_schemas.files.diagnosis import SearchEnd
 from slowtime_services.diagnose import document_of
 from slowtime_services.diagnose.first_pages import diagnosis_page
+from slowtime_services.diagnose.report import _signed_percent
 from slowtime_services.problem_files.stated import Stated
 from slowtime_services.reports import LANGUAGES, Chart, Section, Table, Words, page_text
 from slowtime_services.reports.first_page import first_page, measured_on, subject_of
@@ -47,9 +48,14 @@ def page_of(tmp_path, kind, language):
     return path.read_text(encoding="utf-8")
 
 
+def without_dates(page):
+    """Leave out the marks of dates, which keep lines from breaking these."""
+    return re.sub(r'<span class="date">([^<]*)</span>', r"\1", page)
+
+
 def blocks_of(page):
     """Visible texts, each of one element."""
-    body = page.partition("<body>")[2]
+    body = without_dates(page).partition("<body>")[2]
     body = re.sub(r"<script.*?</script>", "", body, flags=re.DOTALL)
     return [" ".join(html.unescape(text).split()) for text in re.findall(r">([^<]+)<", body)]
 
@@ -91,7 +97,7 @@ def test_every_first_page_tells_when_the_data_were_measured_and_the_report_was_m
     tmp_path, kind, language
 ):
     page, words = page_of(tmp_path, kind, language), Words(language)
-    facts = dict(re.findall(r"<dt>([^<]*)</dt><dd>([^<]*)</dd>", page))
+    facts = dict(re.findall(r"<dt>([^<]*)</dt><dd>([^<]*)</dd>", without_dates(page)))
     assert facts[words("facts.measured")]
     assert re.fullmatch(r"\d{4}-\d\d-\d\d", facts[words("facts.made")])
 
@@ -155,7 +161,7 @@ def test_one_phrase_stands_for_each_sense_of_an_interval(tmp_path):
         messages = (FOLDER / f"{language}.json").read_text()
         assert not re.search(r"5\W{0,3}(to|bis|–)\W{0,3}95", messages)
     page = page_of(tmp_path, "plan", "en")
-    assert "90 % interval: 9,100 EUR to 15,800 EUR" in page
+    assert "90\N{NO-BREAK SPACE}% interval: 9,100 EUR to 15,800 EUR" in page
     assert "9 of 10 futures: from" in page
     assert not re.search(r"\b5 (to|and) 95 %", page)
 
@@ -312,6 +318,47 @@ def test_what_ended_a_search_is_in_the_answer_and_what_follows_in_the_actions():
     assert whole.answer == "An effect is missing that is not in the catalogue."
     exhausted = dataclasses.replace(found, exhausted=True)
     assert document_of(exhausted).ended == SearchEnd(by="budget", used_s=12.0)
+
+
+def where_scores(*scores):
+    """Give a diagnosis whose places a force explains by these log likelihoods."""
+    kinds = (("element", "j"), ("node", "m"), ("input", "u"))
+    document = document_of(told(), records=["learn.npz"], holdout=["judge.npz"])
+    places = [
+        document.where[0].model_copy(update={"kind": kind, "id": name, "score": score})
+        for (kind, name), score in zip(kinds, scores, strict=True)
+    ]
+    return document.model_copy(update={"where": tuple(places)})
+
+
+@pytest.mark.parametrize(
+    ("scores", "name"),
+    [
+        ((400.0, 400.0, 399.0), "an unknown force at node m, input u"),
+        ((400.0, 400.0, 390.0), "an unknown force at node m"),
+        ((400.0, 395.0, 390.0), None),
+    ],
+)
+def test_places_that_only_the_law_tells_apart_stand_beside_the_answer(scores, name):
+    page = diagnosis_page(told(), where_scores(*scores), Words("en"))
+    alike = [one for one in page.alternatives if "only the law" in one.measure]
+    assert [one.name for one in alike] == ([] if name is None else [name])
+    assert all(one.measure.startswith("explains as much as one at element j:") for one in alike)
+
+
+@pytest.mark.parametrize(
+    ("share", "text"),
+    [(-4e-6, "0.00 %"), (0.0, "0.00 %"), (-0.021, "-2.10 %"), (0.5, "+50.00 %")],
+)
+def test_a_change_that_rounds_to_nothing_has_no_sign(share, text):
+    assert _signed_percent(share) == text
+
+
+def test_no_switch_of_a_command_is_in_what_to_do_with_usable_modes():
+    for language in LANGUAGES:
+        words = Words(language)
+        for key in ("modes.do_use", "modes.do_use_clean"):
+            assert "--" not in words(key)
 
 
 def test_both_languages_head_the_same_details():

@@ -119,7 +119,7 @@ def _definition(plan: Answer, words: Words) -> str:
             words(
                 "plan.present_down" if now["value"] < 0 else "plan.present_up",
                 instant=_last_reading(plan, words), quantity=quantity, size=size, sd=sd,
-                limit=words.percent(failure["threshold"]),
+                limit=words.percent(failure["threshold"]), condition=_condition(plan, words),
             )
         )  # fmt: skip
     if last["lead_time"] > 0 and last["now_effect"] is not None:
@@ -138,6 +138,13 @@ def _definition(plan: Answer, words: Words) -> str:
     )
     said.append(words("plan.counted_bare" if has_no_unit(plan) else "plan.counted"))
     return " ".join(said)
+
+
+def _condition(plan: Answer, words: Words) -> str:
+    """Write what a change read from a frequency supposes; empty for one of an element."""
+    known = {"stiffness_change": "plan.if_stiffness", "mass_change": "plan.if_mass"}
+    quantity = plan["failure"]["quantity"]
+    return words(known[quantity]) if quantity in known else ""
 
 
 def _last_reading(plan: Answer, words: Words) -> str:
@@ -208,10 +215,10 @@ def _confidence(plan: Answer, words: Words) -> Confidence:
 
 
 def _alternatives(plan: Answer, words: Words) -> Iterator[Alternative]:
-    """Give the best option that does something else now, then the cheapest of the others."""
+    """Give the best option that does something else now and the cheapest others, by cost."""
     other = None if plan["difference"] is None else plan["difference"]["other"]
     beside = sorted(plan["options"][1:], key=lambda option: option["words"] != other)
-    for option in beside[:MOST_BESIDE]:
+    for option in sorted(beside[:MOST_BESIDE], key=lambda one: one["cost"]["value"]):
         cost = money_of(plan, option["cost"]["value"], words)
         name = option_words(option, plan, words)
         yield Alternative(name, words("plan.expected", cost=cost))
@@ -264,7 +271,8 @@ def _facts(plan: Answer, words: Words) -> Iterator[tuple[str, str]]:
         yield words("facts.months"), ", ".join(str(month) for month in plan["months"])
     yield words("facts.costs"), "; ".join(_costs(plan, words))
     if last["limit"] is not None:
-        yield words("facts.accepted"), words.percent(last["limit"])
+        accepted = words("plan.accepted", p=words.percent(last["limit"]))
+        yield words("facts.accepted"), accepted
 
 
 def _costs(plan: Answer, words: Words) -> Iterator[str]:

@@ -8,7 +8,10 @@ from slowtime_services.reports.contents import Chart, Item, Section, Table
 from slowtime_services.reports.words import Words
 
 from .plan_options import (
+    ORDERED,
     amount_text,
+    instant_at,
+    is_dated,
     last_words,
     moment_of,
     money_of,
@@ -154,7 +157,14 @@ def _falls_due(best: Answer, plan: Answer, words: Words) -> str:
     median = best["repair"][1]
     if median is None:
         return words("plan.never_due")
-    return words("plan.falls_due", when=moment_of(plan, median, words))
+    when = moment_of(plan, median, words)
+    lead = plan["last_order"]["lead_time"]
+    # Where months are given, a repair may wait for one: its time does not tell the order's.
+    if lead > 0 and best["name"] in ORDERED and not plan["months"]:
+        ordered = instant_at(plan, max(median["ahead"] - lead, 0.0))
+        order = moment_of(plan, ordered, words)
+        return words("plan.falls_due_ordered", order=order, when=when)
+    return words("plan.falls_due", when=when)
 
 
 def _advice(plan: Answer, words: Words) -> str:
@@ -189,7 +199,8 @@ def _last_order(plan: Answer, words: Words) -> Iterator[str]:
             spread = "" if lo == hi else words("plan.spread", lo=lo, hi=hi)
         when = moment_of(plan, last["order"], words)
         name = last_words(plan, words)
-        yield words("plan.reason_due", last=name, when=when, spread=spread, p=chance)
+        on = words("plan.on_day" if is_dated(plan) else "plan.on_time")
+        yield words("plan.reason_due", last=name, when=when, spread=spread, on=on, p=chance)
     else:
         yield from _passed(plan, words)
     yield limit

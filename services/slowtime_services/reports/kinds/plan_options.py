@@ -1,5 +1,6 @@
 """Options of a plan in the words of a report's language."""
 
+import datetime
 from collections.abc import Mapping
 from typing import Any
 
@@ -91,6 +92,20 @@ def moment_of(plan: Mapping[str, Any], time: Mapping[str, Any], words: Words) ->
     if time["t"] is None or not is_dated(plan):
         return words("plan.ahead", span=span)
     return words("plan.dated", date=time["t"][:10], span=span)
+
+
+def instant_at(plan: Mapping[str, Any], ahead: float) -> Mapping[str, Any]:
+    """Give a time of a plan with its date, where the calendar is known."""
+    first, seconds = plan["times"][0]["t"], plan["seconds"]
+    if first is None or seconds is None:
+        return {"ahead": ahead, "t": None}
+    try:
+        at = datetime.datetime.fromisoformat(first) + datetime.timedelta(
+            seconds=ahead * seconds
+        )
+    except OverflowError:  # beyond the year 9999
+        return {"ahead": ahead, "t": None}
+    return {"ahead": ahead, "t": at.isoformat(timespec="seconds")}
 
 
 def last_words(plan: Mapping[str, Any], words: Words) -> str:

@@ -1,13 +1,12 @@
 """Charts of a plan: what fails over time with its limit, and what the options cost."""
 
-import datetime
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from slowtime_services.reports.contents import Chart
 from slowtime_services.reports.words import Words
 
-from .plan_options import is_dated, moment_of, option_words, quantity_in, unit_of
+from .plan_options import instant_at, is_dated, moment_of, option_words, quantity_in, unit_of
 
 Answer = Mapping[str, Any]
 Trace = dict[str, Any]
@@ -145,29 +144,15 @@ def recommended(plan: Answer) -> tuple[str, Mapping[str, Any]] | None:
     best = plan["options"][0]
     given, name = best["parameters"], best["name"]
     if name == "close":
-        return "close", _instant(plan, 0.0)
+        return "close", instant_at(plan, 0.0)
     for kind, names, key in (
         ("repair", DONE, "at"), ("order", ORDERED, "order"),
         ("inspect", INSPECTED, "at"), ("decide", DECIDED, "at"),
     ):  # fmt: skip
         if name in names and key in given:
-            return kind, _instant(plan, given[key])
+            return kind, instant_at(plan, given[key])
     median = best["repair"][1] if best["repair"] else None
     return None if median is None else ("expected", median)
-
-
-def _instant(plan: Answer, ahead: float) -> Mapping[str, Any]:
-    """Give a time of a plan with its date, where the calendar is known."""
-    first, seconds = plan["times"][0]["t"], plan["seconds"]
-    if first is None or seconds is None:
-        return {"ahead": ahead, "t": None}
-    try:
-        at = datetime.datetime.fromisoformat(first) + datetime.timedelta(
-            seconds=ahead * seconds
-        )
-    except OverflowError:  # beyond the year 9999
-        return {"ahead": ahead, "t": None}
-    return {"ahead": ahead, "t": at.isoformat(timespec="seconds")}
 
 
 def _upright(mark: Mark) -> Trace:

@@ -108,11 +108,11 @@ def state_page(
     known = [one for one in told if math.isfinite(one[1])]
     sure = [chance for _, _, _, chance in known if chance >= SURE]
     ratio = _ratio(latest) if len(known) == 2 and not sure else None
-    instant, since = _instant(latest, words), _since(reference, words)
-    answers = [_answer(*one, instant, since, words) for one in told]
+    when, since = _when(latest, words), _since(reference, words)
+    answers = [_answer(*one, when, since, words) for one in told]
     if len(told) == 1 and sure:
         answers = [
-            _answer("frequency", *_of_frequency(*told[0][:3]), instant, since, words),
+            _answer("frequency", *_of_frequency(*told[0][:3]), when, since, words),
             _conditional(*told[0][:3], words),
         ]
     if not latest["valid"]:
@@ -121,7 +121,7 @@ def state_page(
     elif sure or ratio is not None:
         chance = min(sure) if ratio is None else ratio[2]
         told_p = words.probability(chance)
-        key = "state.confidence_frequency" if len(told) == 1 else "state.confidence"
+        key = f"state.confidence_{told[0][0]}" if len(told) == 1 else "state.confidence"
         confidence = Confidence(level_of(chance), words(key, p=told_p))
     elif any(chance >= LIKELY for _, _, _, chance in known):
         told_p = words.probability(max(chance for _, _, _, chance in known))
@@ -140,7 +140,7 @@ def state_page(
             for name, value, sd, _ in known
         }
         definition = f"{words('state.apart', **parts)} {definition}"
-        answers = [_answer("ratio", *ratio, instant, since, words)]
+        answers = [_answer("ratio", *ratio, when, since, words)]
     steps = _steps(states)
     said = [_step_words(one, states, words) for one in steps]
     if (latest["slow_time_unit"] or "") in ("", "units"):
@@ -172,6 +172,13 @@ def _instant(state: State, words: Words) -> str:
         return own
     # Seconds since 1970 tell nobody more than their date.
     return f"{date} UTC" if state["slow_time_unit"] == "s" else f"{own} ({date} UTC)"
+
+
+def _when(latest: State, words: Words) -> str:
+    """Write the instant of an epoch as a sentence begins with it."""
+    instant = _instant(latest, words)
+    of_calendar = latest["slow_time_unit"] == "s" and instant != _slow_time(latest, words)
+    return words("state.at_date" if of_calendar else "state.at_time", instant=instant)
 
 
 def _slow_time(state: State, words: Words) -> str:
@@ -293,7 +300,7 @@ def _answer(
     value: float,
     sd: float,
     chance: float,
-    instant: str,
+    when: str,
     since: str,
     words: Words,
 ) -> str:
@@ -305,7 +312,7 @@ def _answer(
     else:
         key, size = "lost" if value < 0 else "gained", abs(value)
     shown, around = words.measured(100 * size, 100 * sd)
-    return words(f"state.{key}", what=what, size=shown, sd=around, instant=instant, since=since)
+    return words(f"state.{key}", what=what, size=shown, sd=around, when=when, since=since)
 
 
 def _actions(latest: State, words: Words, *, changed: bool, tied: bool) -> Iterator[str]:
