@@ -16,7 +16,7 @@ from slowtime.dynamics.effects.effect_catalogue import catalogue
 from slowtime.reliability import Problem, Result, marginal
 from slowtime_cli.records.mac_charts import mac_charts
 from slowtime_services.diagnose import document_of, write_report
-from slowtime_services.reports import Section, Table, Words, page_text
+from slowtime_services.reports import Chart, Section, Table, Words, page_text
 from slowtime_services.reports.details import in_language
 from slowtime_services.reports.kinds.reliability import write_reliability_report
 from slowtime_services.reports.words import FOLDER
@@ -259,16 +259,19 @@ def test_sentences_are_translated_with_their_values(english, german):
     assert Words("en").told(english) == english
 
 
+def in_german(charts):
+    shown = in_language(Section("Shapes", (), charts), Words("de")).shown
+    return [chart for chart in shown if isinstance(chart, Chart)]
+
+
 def test_figures_of_a_german_mac_have_decimal_commas():
-    shown = mac_charts(modal_result(), [])
-    section = in_language(Section("Shapes", (), shown), Words("de"))
-    chart = section.shown[0]
+    [chart] = in_german(mac_charts(modal_result(), []))
     assert chart.data[0]["text"][0] == ["1,00", "0,09"]
     assert chart.layout["xaxis"]["ticktext"] == ["2,5 Hz", "7 Hz"]
     # Names of channels stay, with the marks that they have.
     named = dataclasses.replace(chart, layout={"xaxis": {"ticktext": ["b 1.5"]}})
-    section = in_language(Section("Shapes", (), [named]), Words("de"))
-    assert section.shown[0].layout["xaxis"]["ticktext"] == ["b 1.5"]
+    [chart] = in_german([named])
+    assert chart.layout["xaxis"]["ticktext"] == ["b 1.5"]
 
 
 def test_a_german_report_quotes_what_the_file_says_of_failure_and_period(tmp_path):

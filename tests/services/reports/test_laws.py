@@ -92,6 +92,14 @@ def test_sentences_that_were_said_before_are_left_out_and_empty_sections_with_th
     assert "Again" not in page
 
 
+def test_a_dated_sentence_of_the_first_page_is_left_out_of_the_details():
+    said = "The last safe order is on 2027-12-15 by the costs."
+    first = plan_page(plan_answer(), Words("en"))
+    first = dataclasses.replace(first, definition=said)
+    page = page_text("t", "l", [Section("Reasons", [said, "Nothing else."])], first=first)
+    assert without_dates(page).count(said) == 1
+
+
 @pytest.mark.parametrize(("kind", "language"), EACH)
 def test_every_first_page_tells_when_the_data_were_measured_and_the_report_was_made(
     tmp_path, kind, language
