@@ -11,7 +11,7 @@ import pytest
 
 from slowtime.reliability import Problem, Result, estimate, marginal
 from slowtime_schemas.files.diagnosis import SearchEnd
-from slowtime_services.diagnose import document_of
+from slowtime_services.diagnose import document_of, write_report
 from slowtime_services.diagnose.first_pages import diagnosis_page
 from slowtime_services.diagnose.report import _signed_percent
 from slowtime_services.problem_files.stated import Stated
@@ -360,6 +360,19 @@ def test_places_that_only_the_law_tells_apart_stand_beside_the_answer(scores, na
 )
 def test_a_change_that_rounds_to_nothing_has_no_sign(share, text):
     assert _signed_percent(share) == text
+
+
+def test_bands_are_told_from_one_frequency_to_the_other(tmp_path):
+    found = told()
+    document = document_of(found, records=["learn.npz"], holdout=["judge.npz"])
+    bands = document.when.model_copy(update={"bands_hz": ((0.08, 8.1), (10.0, 12.0))})
+    document = document.model_copy(update={"when": bands})
+    for language, said in (
+        ("en", "stands out between 0.08 and 8.1 Hz, between 10 and 12 Hz."),
+        ("de", "sticht hervor zwischen 0,08 und 8,1 Hz, zwischen 10 und 12 Hz."),
+    ):
+        write_report(tmp_path / "d.html", found, document, language=language)
+        assert said in (tmp_path / "d.html").read_text(encoding="utf-8")
 
 
 def test_no_switch_of_a_command_is_in_what_to_do_with_usable_modes():
