@@ -68,19 +68,25 @@ def test_a_simulated_tower_needs_no_compiler(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("words", "extra"),
+    ("words", "verb", "extra"),
     [
-        (("twin",), "twin"),
-        (("identify", "a.csv"), "analysis"),
-        (("edge", "--file", "a.csv"), "analysis"),
+        (("twin",), "twin run", "twin"),
+        (("identify", "a.csv"), "identify", "analysis"),
+        (("edge", "--file", "a.mcap"), "edge", "analysis"),
     ],
 )
-def test_a_verb_that_needs_more_names_the_extra(words, extra, tmp_path):
+def test_a_verb_that_needs_more_names_the_extra(words, verb, extra, tmp_path):
     (tmp_path / "a.csv").write_text("1\n2\n")
+    (tmp_path / "a.mcap").write_bytes(b"\x89MCAP0\r\n")
     done = run(*words, folder=tmp_path)
     assert done.returncode == 2
-    told = rf"`slowtime {words[0]}` needs .* 'slowtime\[{extra}\]'` installs: \w+ is missing\."
+    told = rf"`slowtime {verb}` needs .* 'slowtime\[{extra}\]'` installs: \w+ is missing\."
     assert re.search(told, done.stderr)
+
+
+def test_an_edge_reads_text_without_extras(tmp_path):
+    (tmp_path / "a.csv").write_text("1\n2\n")
+    assert "Give --rate-hz" in run("edge", "--file", "a.csv", folder=tmp_path).stderr
 
 
 def test_a_matlab_file_of_hdf5_names_what_reads_it(tmp_path):
