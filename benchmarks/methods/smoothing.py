@@ -17,6 +17,7 @@ from scipy import signal
 from scipy.stats import binomtest
 
 from slowtime.identification import identify_ambient
+from slowtime.identification.estimates import Identified
 from slowtime.identification.single_mode.spectral_peak import peak
 from slowtime.signals.smoother_choice import settled_sd
 from slowtime.signals.smoothing import MedianEwma
@@ -48,11 +49,11 @@ def windows(count: int, rng: np.random.Generator) -> Iterator[np.ndarray]:
     yield from motion.reshape(count, samples)
 
 
-def readings(method: Callable[..., object], runs: int, each: int, seed: int) -> np.ndarray:
+def readings(method: Callable[..., Identified], runs: int, each: int, seed: int) -> np.ndarray:
     """Return frequencies and their standard deviations [Hz], by run, reading and kind."""
     found = []
     for window in windows(runs * each, np.random.default_rng(seed)):
-        one = method(window[:, None], RATE_HZ).frequency_hz  # type: ignore[attr-defined]
+        one = method(window[:, None], RATE_HZ).frequency_hz
         found.append((one.value, one.sd))
     return np.array(found).reshape(runs, each, 2)
 

@@ -51,13 +51,18 @@ def in_current_words(command: click.Command, args: Sequence[str]) -> list[str]:
             values.append(rest.pop(0))
         if len(values) != form.count("{}"):
             raise click.UsageError(f"{name} needs {form.count('{}')} more words behind it.")
-        given = form.format(*values)
-        found += [flag, *(given.split() if flag == "--band-hz" else [given])]
+        words = [flag, *(part.format(*_first(values, part)) for part in form.split())]
+        found += words
         click.echo(
-            f"`{name}` is now `{flag} {given}`; the old name ends with release {GONE_IN}.",
+            f"`{name}` is now `{' '.join(words)}`; the old name ends with release {GONE_IN}.",
             err=True,
         )
     return found
+
+
+def _first(values: list[str], part: str) -> list[str]:
+    """Take from the values as many as a part of the form has places for."""
+    return [values.pop(0) for _ in range(part.count("{}"))]
 
 
 def _now(command: click.Command, name: str, known: set[str]) -> tuple[str, str] | None:
