@@ -6,11 +6,13 @@ __all__ = [
     "DetectionLimit",
     "DiagnosisResult",
     "EffectCatalogue",
+    "EnvelopeSpectrum",
     "EstimatedMode",
     "FailureProbability",
     "FatigueDamage",
     "FiniteElementModel",
     "FittedSurrogate",
+    "FoundEvents",
     "Input",
     "MachineOrders",
     "MeasuredDistortion",
@@ -21,9 +23,11 @@ __all__ = [
     "PlacedSensors",
     "Predictions",
     "ReducedFiniteElements",
+    "ResponseSpectrum",
     "ScaledModes",
     "Sensor",
     "SeparatedHistory",
+    "ShakingMeasures",
     "Signals",
     "SmootherChoice",
     "Twin",
@@ -32,6 +36,7 @@ __all__ = [
     "VirtualQuantity",
     "__version__",
     "assess",
+    "bearing_frequencies",
     "choose_smoother",
     "connect",
     "convert",
@@ -39,9 +44,11 @@ __all__ = [
     "diagnose",
     "distortion",
     "effects",
+    "envelope_spectrum",
     "evolve",
     "failure_probability",
     "fatigue_damage",
+    "find_events",
     "fit_decay",
     "fit_surrogate",
     "identify",
@@ -52,8 +59,10 @@ __all__ = [
     "place",
     "read",
     "reduce",
+    "response_spectrum",
     "scale",
     "separate",
+    "shaking",
     "simulate",
     "track",
     "update",
@@ -126,3 +135,12 @@ from slowtime_api.twins import connect as connect
 from slowtime_api.twins import evolve as evolve
 
 __version__: str
+from slowtime_api.responses.envelope_lines import EnvelopeSpectrum as EnvelopeSpectrum
+from slowtime_api.responses.envelope_lines import bearing_frequencies as bearing_frequencies
+from slowtime_api.responses.envelope_lines import envelope_spectrum as envelope_spectrum
+from slowtime_api.responses.shaking_events import FoundEvents as FoundEvents
+from slowtime_api.responses.shaking_events import ResponseSpectrum as ResponseSpectrum
+from slowtime_api.responses.shaking_events import ShakingMeasures as ShakingMeasures
+from slowtime_api.responses.shaking_events import find_events as find_events
+from slowtime_api.responses.shaking_events import response_spectrum as response_spectrum
+from slowtime_api.responses.shaking_events import shaking as shaking
