@@ -45,7 +45,7 @@ from .model_evidence import FittedCandidate, evidence, misfit, rescored
 from .significance import is_idle, is_shown
 from .switching_instant import refine_switching_instant
 
-NESTED = {"stribeck": "coulomb", "extra_dof": "added_mass"}
+NESTED = {"stribeck": "coulomb", "extra_dof": "added_mass", "mass_jump": "added_mass"}
 """Laws, and the simpler ones that they become at an end of their range."""
 MAX_CANDIDATES = 6
 """[candidates] Refitted in one round at most. Source: docs/decisions/0023."""

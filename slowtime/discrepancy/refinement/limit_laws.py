@@ -1,8 +1,9 @@
 """Laws at the end of their range, renamed to the simpler law that they become there.
 
 A hidden oscillator much faster than the motion moves with its node: the records show its mass,
-and of its frequency only that it lies beyond them. Which of two such laws a search tries first
-must not decide between their names.
+and of its frequency only that it lies beyond them. A mass that jumps as the records begin was
+different all along. Which of two such laws a search tries first must not decide between their
+names.
 """
 
 import dataclasses
@@ -21,7 +22,7 @@ from slowtime.discrepancy.quoting import requote_all
 from slowtime.discrepancy.selection.acceptance import MIN_NESTED_GAIN
 from slowtime.discrepancy.selection.probabilities import first_doubts
 from slowtime.discrepancy.thresholds import LIMITS
-from slowtime.dynamics.effects import Effect, Hidden, Kind
+from slowtime.dynamics.effects import Effect, Friction, Kind
 from slowtime.dynamics.plant import Plant
 
 from .elimination import left_out
@@ -52,7 +53,7 @@ def _fit_of_limit(hypothesis: Hypothesis, number: int, kinds: Mapping[str, Kind]
         return None
     general, simple = kinds[effect.kind], kinds[label[0]]
     # Fits of friction end in many minima: such laws are compared where they are accepted.
-    if not isinstance(general.action, Hidden):
+    if isinstance(general.action, Friction):
         return None
     assert general.strength is not None
     assert simple.strength is not None

@@ -25,8 +25,11 @@ RIDER = {"mass_kg": 0.3, "frequency_hz": 60.0, "damping_n_s_per_m": 40.0}
 FAST = Effect("extra_dof", NODE, RIDER)
 
 
-def accelerations(mass_kg, rider, push):
-    """Integrate the chain with `scipy.signal.lsim`, heavier at m2, or with a mass on it."""
+def accelerations(mass_kg, rider, push, start=None):
+    """Integrate the chain with `scipy.signal.lsim`, heavier at m2, or with a mass on it.
+
+    Give the accelerations, and the state at the end.
+    """
     masses, stiffness, damping = np.array([2.0, 1.5, 1.0]), np.zeros((3, 3)), np.zeros((3, 3))
     masses[1] += mass_kg
     for i, (k, c) in enumerate([(900.0, 1.6), (700.0, 1.2), (500.0, 1.0)]):
@@ -44,14 +47,24 @@ def accelerations(mass_kg, rider, push):
     load[size + 2] = 1 / masses[2]
     whole = np.vstack([np.eye(size, 2 * size, size), speeds])
     system = (whole, load, speeds[:3], load[size : size + 3])
-    return scipy.signal.lsim(system, push, np.arange(len(push)) / RATE)[1]
+    _, found, states = scipy.signal.lsim(system, push, np.arange(len(push)) / RATE, start)
+    return found, states[-1]
 
 
-def recorded(mass_kg=0.0, rider=None, noise_share=0.01):
+def gained_at(row, mass_kg, push):
+    """Integrate the chain, heavier at m2 from a row on."""
+    before, state = accelerations(0.0, None, push[: row + 1])
+    after, _ = accelerations(mass_kg, None, push[row:], state)
+    return np.concatenate((before[:-1], after))
+
+
+def recorded(mass_kg=0.0, rider=None, noise_share=0.01, gained=0):
     rng = np.random.default_rng(3)
     filtered = scipy.signal.butter(6, TOP_HZ, fs=RATE, output="sos")
     push = 8.0 * scipy.signal.sosfiltfilt(filtered, rng.standard_normal(4000))
-    clean = accelerations(mass_kg, rider, push)
+    clean, _ = accelerations(mass_kg, rider, push)
+    if gained:
+        clean = gained_at(gained, mass_kg, push)
     noise = noise_share * clean.std(axis=0) * rng.standard_normal(clean.shape)
     held = dataclasses.replace(EVERY.inputs[0], hold="first")
     described = dataclasses.replace(EVERY, inputs=(held,))
@@ -109,6 +122,25 @@ def test_what_it_does_beyond_its_mass_has_to_be_a_thousandth_of_what_was_missing
     (named,) = after.effects
     assert named.effect.kind == "added_mass"
     assert named.effect.parameters["dm_kg"] == pytest.approx(0.3, rel=0.02)
+
+
+JUMP = Effect("mass_jump", NODE, {"dm_kg": 0.25, "t_jump_s": 0.1})
+
+
+def test_a_mass_that_jumps_as_the_record_begins_was_there_all_along():
+    described, trials = recorded(mass_kg=0.3)
+    after = name_limits(hypothesis(described, trials, JUMP), KINDS)
+    (named,) = after.effects
+    assert (named.effect.kind, named.effect.place) == ("added_mass", NODE)
+    (number,) = named.numbers.values()
+    assert number.value == pytest.approx(0.3, abs=3 * number.sd)
+
+
+def test_a_mass_that_jumps_within_the_record_jumps():
+    described, trials = recorded(mass_kg=0.3, gained=800)
+    later = Effect("mass_jump", NODE, {"dm_kg": 0.25, "t_jump_s": 4.0})
+    before = hypothesis(described, trials, later)
+    assert name_limits(before, KINDS) is before
 
 
 def test_of_other_kinds_nothing_is_tried_instead():
