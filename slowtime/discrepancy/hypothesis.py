@@ -27,8 +27,6 @@ class Hypothesis:
         Of the model as given, and after each effect.
     trials
         Records that the fits explain: whole ones, or segments of them.
-    effects
-        Those that were added, one for each fit after the first.
     localized, rest
         Where a force was missing from the model as given, and from the last fit.
     fitted, tried
@@ -53,8 +51,6 @@ class Hypothesis:
         Element at which a free force shows that no law named is what acts there.
     released
         Whether constants of the model as given were fitted again from where a law led them.
-    exhausted
-        Whether the budget ended the search early.
     combined
         Whether all combinations of laws were compared, so that none of them is needless.
     """

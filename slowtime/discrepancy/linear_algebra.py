@@ -12,13 +12,7 @@ double precision, well below what a prior adds."""
 def solve_semidefinite(
     matrix: Float[np.ndarray, "own own"], right: Float[np.ndarray, " own"]
 ) -> Float[np.ndarray, " own"]:
-    """Solve for a symmetric matrix that is positive definite but for rounding.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        Where the matrix or the right side is not finite.
-    """
+    """Solve for a symmetric matrix that is positive definite but for rounding."""
     if not (np.isfinite(matrix).all() and np.isfinite(right).all()):
         raise np.linalg.LinAlgError("normal equations that are not finite")
     try:

@@ -31,13 +31,8 @@ def with_open_joints(
 ) -> Description:
     """Join pairs of points that nothing joins by elements that state nothing.
 
-    Parameters
-    ----------
-    description
-        Model of springs and beams; those with reduced substructures are given back as they are.
-    likely
-        From the model and its pairs to so many of these between which something is likeliest
-        missing; asked where there are more than `MOST_JOINTS`. The first where not given.
+    Models with reduced substructures are given back as they are. Where there are more than
+    `MOST_JOINTS` pairs, `likely` chooses so many of them; the first are taken without it.
     """
     description = _with_still_neighbour(description)
     every = list(_unjoined(description))
@@ -52,10 +47,7 @@ def with_open_joints(
 
 
 def without_unused_joints(description: Description) -> Description:
-    """Keep of the open joints those that have an effect, as elements of the model.
-
-    So with supports that stand still: those at which something ends.
-    """
+    """Keep of the open joints those that have an effect, as elements of the model."""
     used = {effect["element"] for effect in description.effects if "element" in effect}
     elements = tuple(
         Spring(id=one.id, between=one.between) if isinstance(one, OpenJoint) else one
@@ -68,15 +60,13 @@ def without_unused_joints(description: Description) -> Description:
 
 
 def strip_joints(answer: Diagnosis) -> Diagnosis:
-    """Give a diagnosis whose models have no open joints that nothing sits on.
-
-    Those that are named are told, whether the model gains them or they are rivals.
-    """
+    """Give a diagnosis whose models have no open joints that nothing sits on."""
     places = (
         *(one.effect.place for one in answer.effects),
         *(r.place for r in answer.undecided),
     )
     named = {place.id for place in places if place.kind == "element"}
+    # Joints that are named are told, whether the model gains them or they are rivals.
     told = tuple(
         f"{one.id} stands for what joins {' and '.join(one.between)}, which no element of the "
         "model as given does."
@@ -114,13 +104,11 @@ def _name(pair: tuple[str, str], taken: set[str]) -> str:
 
 
 def _unjoined(description: Description) -> Iterator[tuple[str, str]]:
-    """Give pairs of points that nothing joins, those with the ground first.
-
-    Points that inputs move, and those that stand still, are places of their own; other supports
-    are the ground.
-    """
+    """Give pairs of points that nothing joins, those with the ground first."""
     if any(isinstance(element, Matrix) for element in description.elements):
         return
+    # Points that inputs move, and those that stand still, are places of their own; other
+    # supports are the ground.
     driven = {entry.node for entry in description.inputs if entry.kind in IMPOSED_KINDS}
     driven |= {one.id for one in description.supports if one.still}
     grounded = {one.id for one in description.supports} - driven

@@ -28,18 +28,12 @@ class Monitor:
 
     Parameters
     ----------
-    progress
-        Called with the stage in words and the share done, from 0 to 1.
     late
         Whether only the likeliest candidates should still be tried.
     over
         Whether nothing more should be tried at all; as `late` where not given.
-    enough
-        Request to answer with what was found so far.
     so_far
         What is likely missing by now, in words; told with each stage from then on.
-    notes
-        What went wrong on the way, for the reader of the diagnosis.
     """
 
     progress: Progress | None = None
@@ -59,15 +53,8 @@ class Monitor:
     def __call__(self, stage: str, share: float) -> None:
         """Report a stage.
 
-        Parameters
-        ----------
-        share
-            Share done, from 0 to 1; a smaller one than before is not reported.
-
-        Raises
-        ------
-        Cancelled
-            Where the end was requested.
+        A smaller share than before is not reported. Raises `Cancelled` where the end was
+        requested.
         """
         if self.stop is not None and self.stop.is_set():
             raise Cancelled(f"The diagnosis was stopped: {stage}.")

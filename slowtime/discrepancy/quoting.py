@@ -63,10 +63,9 @@ def moved_of(fit: Fit) -> dict[str, Number]:
 
 
 def renumbered(fit: Fit, given: Description) -> dict[str, Number]:
-    """Constants of the effects in a model as given that are off by more than its springs may.
-
-    A model states no tolerance of them: they are held for as well known as the springs are.
-    """
+    """Constants of effects in the model as given that are off by more than springs may be."""
+    # A model states no tolerance of its effects: they are held for as well known as the springs
+    # are.
     claimed = given.tolerance.stiffness if given.tolerance else DEFAULT_RELATIVE_SD["stiffness"]
     found = {}
     for name, value, mean, sd in zip(
@@ -85,10 +84,8 @@ def renumbered(fit: Fit, given: Description) -> dict[str, Number]:
 
 
 def sentence_of(kind: Kind, place: Place, numbers: Mapping[str, Number]) -> str:
-    """Name an effect for people, and say what it means.
-
-    One number needs no name; of several, each is told by its meaning.
-    """
+    """Name an effect for people, and say what it means."""
+    # One number needs no name; of several, each is told by its meaning.
     told = [(name, n) for name, n in numbers.items() if n.sd > 0]
     if len(told) == 1:
         size = told[0][1].text

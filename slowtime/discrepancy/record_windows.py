@@ -43,13 +43,7 @@ initial state is the likelier to be rest. Source: a decision; half is 3 dB."""
 def record_windows(
     trials: tuple[Trial, ...], description: Description
 ) -> Iterator[tuple[Trial, ...]]:
-    """Give ever longer windows of all records, and at last the records themselves.
-
-    Parameters
-    ----------
-    description
-        The model, whose lowest mode decides how short a window may be.
-    """
+    """Give ever longer windows of all records, and at last the records themselves."""
     modes = undamped_modes(assemble(description)).frequency_hz
     lowest = min((hz for hz in modes.tolist() if hz > 0.0), default=0.0)
     count = min(RECORD_SAMPLES, WINDOW_SAMPLES // len(trials))
@@ -70,8 +64,6 @@ def with_whole_records(
 ) -> Hypothesis | None:
     """Fit what was found in windows to whole records.
 
-    Returns
-    -------
     None where whole records do not settle it: where they leave more than it explains, or
     windows did not decide.
     """

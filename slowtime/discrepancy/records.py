@@ -24,8 +24,6 @@ class Trial:
         was not measured.
     outputs
         Outputs (time, sensor) in the units of the description.
-    rate_hz
-        Sampling rate [Hz].
     start_s
         Campaign time of the first sample [s], so that slow changes can be dated.
     use
@@ -86,13 +84,7 @@ class Trial:
         return len(self.outputs) / self.rate_hz
 
     def part(self, first: int, last: int) -> "Trial":
-        """Cut out a part of the record.
-
-        Parameters
-        ----------
-        first, last
-            Numbers of its first sample, and of the first one after it.
-        """
+        """Cut out a part of the record, from sample `first` up to `last`, without it."""
         return Trial(
             inputs=self.inputs[first:last],
             outputs=self.outputs[first:last],
@@ -124,8 +116,6 @@ class Campaign:
 
     Parameters
     ----------
-    description
-        The nominal model.
     trials
         Records that models are fitted to.
     holdout

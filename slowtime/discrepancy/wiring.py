@@ -37,13 +37,7 @@ Moves = Mapping[int, str]
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Rewiring:
-    """Sensors that sit elsewhere, and the fit of the model as given.
-
-    Parameters
-    ----------
-    description
-        With the sensors where they sit.
-    """
+    """Sensors that sit elsewhere, and the fit of the model as given."""
 
     description: Description
     moves: Moves
@@ -86,13 +80,7 @@ def find_rewiring(
 def with_rewiring(
     answer: Diagnosis, found: Rewiring, given: Description, tests: Sequence[Trial]
 ) -> Diagnosis:
-    """Tell a diagnosis of the corrected model as one of the model as given.
-
-    Parameters
-    ----------
-    answer
-        Diagnosis of the model with the sensors where they sit.
-    """
+    """Tell a diagnosis of the corrected model as one of the model as given."""
     named = tuple(_named(given, i, node) for i, node in found.moves.items())
     as_given = dataclasses.replace(found.given, values=found.given.plant.values)
     nominal = evaluate_free_run(given, as_given, tests)
@@ -145,10 +133,8 @@ def _moved(description: Description, moves: Moves) -> Description:
 def _left(
     description: Description, trial: Trial, kinds: Mapping[str, Kind], nodes: Sequence[str]
 ) -> Float[np.ndarray, "sensor node"]:
-    """Mean square that each sensor at each node leaves of its record, over that of the record.
-
-    The model runs as given, from rest. Sensors of forces have none of the nodes.
-    """
+    """Mean square that each sensor at each node leaves of its record, relative to it."""
+    # A sensor of a force has no node to be moved to.
     every = tuple(
         dataclasses.replace(sensor, channel=f"{i} at {node}", node=node)
         for i, sensor in enumerate(description.sensors)

@@ -55,17 +55,8 @@ class Workers(Protocol):
     ) -> list[Counted[Result]]:
         """Compute for each item; results stand in the order of the items.
 
-        Parameters
-        ----------
-        function, items
-            What to compute, and for what. It must not change anything.
-        shared
-            Objects that results may refer to, and that stay the same objects.
-
-        Raises
-        ------
-        Exception
-            The first, in the order of the items, that a computation ended with.
+        Objects in `shared` may be referred to by results, and stay the same objects. Raises the
+        first exception, in the order of the items, that a computation ended with.
         """
         ...
 
@@ -113,16 +104,8 @@ def map_shared(
 ) -> list[Result]:
     """Compute for each item, beside each other where there are workers.
 
-    Parameters
-    ----------
-    function, items
-        What to compute, and for what. It must not change anything, nor ask for the budget.
-    shared
-        Objects that results may refer to, and that stay the same objects.
-
-    Returns
-    -------
-    Results in the order of the items.
+    The function must not change anything, nor ask for the budget. Objects in `shared` may be
+    referred to by results, and stay the same objects.
 
     Examples
     --------

@@ -149,11 +149,9 @@ def diagnose_ambient(
     kinds: Mapping[str, Kind],
     monitor: Monitor | None = None,
 ) -> Diagnosis:
-    """Name what ambient spectra lack, by how an element changes with the level of the records.
-
-    Without measured inputs there is no free run: errors are those of spectra, each record with
-    forces of its own.
-    """
+    """Name what ambient spectra lack: how an element changes with the level of the records."""
+    # Without measured inputs there is no free run: errors are those of spectra, each record
+    # with forces of its own.
     learnt, tests = learnt_and_unseen(trials, campaign.holdout)
     plant = Plant.of(campaign.description, kinds=kinds)
     problem = spectral_problem(plant, learnt)

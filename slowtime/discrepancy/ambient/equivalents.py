@@ -50,12 +50,7 @@ beside what a law adds to an element."""
 class ElementMotion:
     """A normal motion of an element in one record.
 
-    Parameters
-    ----------
-    static_m_per_n
-        Elongation for each unit of a constant force of the element [m/N].
-    records
-        How many records would be as long as the motion.
+    `static_m_per_n` is the elongation for each unit of a constant force of the element.
     """
 
     motion: Motion
@@ -82,20 +77,9 @@ class ElementMotion:
     ) -> tuple[float, tuple[float, float]]:
         """Measure what a law has beyond its equivalents, and by how much these vary for it.
 
-        What a linear force does not explain, as that of a stop that is seldom met, is there by
-        chance: its equivalents scatter over blocks of the motion.
-
-        Parameters
-        ----------
-        kind
-            Of an element, with a force that does not depend on time.
-        parameters
-            Of the law, by name.
-
-        Returns
-        -------
-        Root mean square of the rest over that of the linear force [1]; variances of stiffness
-        [N²/m²] and damping [N²s²/m²] in one record.
+        Gives the root mean square of the rest over that of the linear force [1], and variances
+        of stiffness [N²/m²] and damping [N²s²/m²] in one record. The law's force must not
+        depend on time.
         """
         e, v = self.motion.e, self.motion.v
         force = self._centred(kind, parameters)
@@ -143,8 +127,6 @@ class Equivalents:
     ----------
     values
         Stiffness of each record [N/m], then damping of each [N s/m]; of a node, masses [kg].
-    motions
-        Of the element in each record.
     """
 
     place: Place
@@ -212,11 +194,8 @@ def equivalents_of(
 ) -> Equivalents:
     """Read the equivalents of a place from a fit with `changes_of`.
 
-    Parameters
-    ----------
-    spans
-        Begin in campaign time and duration of each record [s]; where not given, laws see the
-        time of the simulated motion.
+    Laws see the campaign time of the records where `spans` gives begin and duration [s] of
+    each.
     """
     motions = [
         element_motion(problem, fit, record, place, seed)

@@ -42,10 +42,8 @@ def fit_unseen(
     effect: Effect | None,
     kinds: Mapping[str, Kind],
 ) -> AmbientFit:
-    """Fit forces and noise of other records, with constants and effect as they were found.
-
-    Constants may move by the standard deviations with which they were found.
-    """
+    """Fit forces and noise of other records, with constants and effect as they were found."""
+    # Constants may move by the standard deviations with which they were found.
     fits = [_fit_one(plant, trial, (values, sds), effect, kinds) for trial in trials]
     if len(fits) == 1:
         return fits[0]

@@ -45,12 +45,8 @@ class SpectralCandidate:
 
     Parameters
     ----------
-    sds
-        Their standard deviations, by name.
     gain
         Log evidence over that of the model without it [nats].
-    fit
-        Of the spectra, in which the equivalents at its place are free.
     """
 
     effect: Effect
@@ -65,14 +61,10 @@ class Compared:
 
     Parameters
     ----------
-    candidates
-        The most probable first.
     equivalents
         Of the elements that were fitted, the one that explains most first.
     expected
         Gain of log likelihood that each place promises [nats].
-    sizes
-        Number of changes that were tried at each place.
     """
 
     bare: AmbientFit

@@ -59,12 +59,7 @@ forty."""
 class FittedLaw:
     """A law fitted to equivalents.
 
-    Parameters
-    ----------
-    sds
-        Standard deviations of the fitted parameters, by name.
-    log_evidence
-        Relative to other laws and places of the same records [nats].
+    `log_evidence` is relative to other laws and places of the same records [nats].
     """
 
     effect: Effect
@@ -96,12 +91,7 @@ def _depends_on_time(kind: Kind) -> bool:
 def fit_laws(
     found: Equivalents, log_likelihood: float, kinds: Sequence[Kind]
 ) -> list[FittedLaw]:
-    """Fit each law to equivalents that were free in a fit of this log likelihood.
-
-    Returns
-    -------
-    Those that can be fitted, the most probable first.
-    """
+    """Fit each law to equivalents that were free in a fit; the most probable first."""
     laws = [
         one for kind in kinds if (one := _LawFit(found, kind).best(log_likelihood)) is not None
     ]

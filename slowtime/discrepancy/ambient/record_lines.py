@@ -30,10 +30,7 @@ Lines = Complex[np.ndarray, "frequency sensor"]
 class RecordLines:
     """Spectral lines of one record.
 
-    Parameters
-    ----------
-    lines
-        Complex spectrum of each sensor, of which the mean square is the one-sided density.
+    The mean square of `lines` (frequency, sensor) is the one-sided density [unit²/Hz].
     """
 
     frequency_hz: Float[np.ndarray, " frequency"]
@@ -55,15 +52,7 @@ class RecordLines:
 
 
 def sensors_of_different_nodes(description: Description) -> list[int]:
-    """Choose sensors of different nodes: accelerations first, whose spectra are the flattest.
-
-    A second sensor of a node repeats the first but for the leakage of the taper, which grows
-    with the range of a spectrum.
-
-    Returns
-    -------
-    Numbers of the sensors, ascending.
-    """
+    """Choose sensors of different nodes, accelerations first: their spectra are flattest."""
     order = {"acceleration": 0, "velocity": 1, "displacement": 2}
     ranked = sorted(
         (order.get(sensor.quantity, 3), number)
@@ -72,6 +61,8 @@ def sensors_of_different_nodes(description: Description) -> list[int]:
     chosen: dict[str | None, int] = {}
     for rank, number in ranked:
         if rank < len(order):
+            # A second sensor of a node repeats the first but for the leakage of the taper,
+            # which grows with the range of a spectrum.
             chosen.setdefault(description.sensors[number].node, number)
     return sorted(chosen.values()) or list(range(len(description.sensors)))
 
@@ -79,15 +70,9 @@ def sensors_of_different_nodes(description: Description) -> list[int]:
 def driven_lines(
     linear: LinearModel, frequency_hz: Float[np.ndarray, " frequency"], lines: Lines
 ) -> RecordLines:
-    """Drop lines beyond the end of the spectrum of the forces, and those at its edges.
-
-    What responds there are noise and harmonics, which say nothing of a linear model.
-
-    Parameters
-    ----------
-    frequency_hz, lines
-        Complex spectrum of each sensor, shapes (frequency,) [Hz] and (frequency, sensor).
-    """
+    """Drop lines beyond the end of the spectrum of the forces, and those at its edges."""
+    # Beyond the spectrum of the forces, noise and harmonics respond, which say nothing of a
+    # linear model.
     response = linear.sensor_response(frequency_hz, linear.compliance(frequency_hz))
     parts = np.array_split(np.arange(len(lines)), max(len(lines) // BAND_LINES, 1))
     power, unit = np.abs(lines) ** 2, np.sum(np.abs(response) ** 2, axis=2)

@@ -170,10 +170,8 @@ class AmbientFit:
         return dict(zip(self.prior.names, moved.tolist(), strict=True))
 
     def failed_bands(self, chance: float = 1e-3) -> tuple[tuple[float, float], ...]:
-        """Bands [Hz] in which the test fails, at a level with Bonferroni's correction.
-
-        Neighbours that fail are one band; bands of several records that overlap, too.
-        """
+        """Bands [Hz] in which the test fails, at a level with Bonferroni's correction."""
+        # Neighbours that fail are one band; bands of several records that overlap, too.
         level = chance / len(self.bands)
         runs = itertools.groupby(self.bands, lambda one: one.p_value < level)
         failed = [list(run) for fails, run in runs if fails]
@@ -372,14 +370,8 @@ def expected_gains(
 ) -> list[float]:
     """Gain of log likelihood [nats] that changes of each place promise, by the score test.
 
-    Parameters
-    ----------
-    places
-        Changes of each place.
-
-    References
-    ----------
-    C. R. Rao, "Large sample tests of statistical hypotheses", Proc. Camb. Phil. Soc. 44 (1948).
+    Source: C. R. Rao, "Large sample tests of statistical hypotheses", Proc. Camb. Phil. Soc. 44
+    (1948).
     """
     if len(places) > MOST_AT_ONCE:
         rest = expected_gains(problem, start, places[MOST_AT_ONCE:])
@@ -399,13 +391,7 @@ def expected_gains(
 def best_begin(
     problem: SpectralProblem, start: AmbientFit, sizes: Float[np.ndarray, " size"]
 ) -> tuple[float, float]:
-    """Size of the one change of a problem that fits best, and its gain [nats], beside a fit.
-
-    Parameters
-    ----------
-    sizes
-        To choose from, in units of the scale of the change.
-    """
+    """Size of the one change of a problem that fits best [scales], and its gain [nats]."""
     at = _unknowns_of(problem, start)
     costs = []
     for size in (0.0, *sizes.tolist()):
@@ -514,12 +500,7 @@ def _deviations(problem: SpectralProblem, at: Unknowns) -> Unknowns:
 def score_and_information(
     problem: SpectralProblem, at: Unknowns
 ) -> tuple[float, Unknowns, Float[np.ndarray, "unknown unknown"]]:
-    """Cost, its negative gradient and Fisher information.
-
-    Returns
-    -------
-    Cost [nats], score of shape (unknown,) and information of shape (unknown, unknown).
-    """
+    """Cost [nats], its negative gradient and Fisher information."""
     size = len(at)
     score, information = np.zeros(size), np.zeros((size, size))
     for number, record in enumerate(problem.records):

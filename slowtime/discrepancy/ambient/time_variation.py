@@ -27,17 +27,7 @@ def with_time_variation(
     trials: Sequence[Trial],
     kinds: Mapping[str, Kind],
 ) -> tuple[SpectralCandidate, ...]:
-    """Add what varies with time at the place of the best candidate.
-
-    Parameters
-    ----------
-    candidates
-        The most probable first.
-
-    Returns
-    -------
-    All candidates, the most probable first.
-    """
+    """Add what varies with time at the place of the best candidate; the most probable first."""
     best = candidates[0]
     place, description = best.effect.place, plant.description
     varying = [
@@ -75,10 +65,8 @@ def with_time_variation(
 def _switches_within(
     effect: Effect, kinds: Mapping[str, Kind], trials: Sequence[Trial]
 ) -> bool:
-    """Whether a law switches, if it does, where a whole part of a record is on either side.
-
-    Near an end a switch is told from nothing by the transient of the start alone.
-    """
+    """Whether a law switches, if it does, where a whole part of a record is on either side."""
+    # Near an end a switch is told from nothing by the transient of the start alone.
     action = kinds[effect.kind].action
     instants = [effect.parameters[name] for name in getattr(action, "switches", ())]
     return all(

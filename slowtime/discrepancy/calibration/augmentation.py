@@ -25,8 +25,6 @@ class FitStart:
 
     Parameters
     ----------
-    constants
-        Values of the plant's constants by name, in their units.
     states
         Initial state of each trial, by the names of the coordinates.
     from_segments
@@ -49,19 +47,9 @@ def augmented_start(
 ) -> tuple[Plant, Float[np.ndarray, " parameter"], list[Float[np.ndarray, " state"]]]:
     """Build a model with one more effect, and the start of its fit.
 
-    Parameters
-    ----------
-    start
-        Where to start; as `before` ended where not given.
-
-    Returns
-    -------
-    plant
-        The augmented model; its priors stay those of the nominal constants.
-    values
-        Of all its constants.
-    states
-        Initial state of each trial.
+    It starts as `before` ended where no start is given. Gives the model, whose priors stay
+    those of the nominal constants, values of all its constants, and the initial state of each
+    trial.
     """
     plant = Plant.of(with_effect(before.plant.description, effect), kinds=kinds)
     known: dict[Name, float] = dict(
@@ -158,10 +146,8 @@ def refit_without(
 ) -> Fit | None:
     """Refit a model without one of its effects.
 
-    Returns
-    -------
-    The fit, which ends early where it will not reach the cost of the whole model; None where
-    its free run grows beyond bounds.
+    The fit ends early where it will not reach the cost of the whole model; None where its free
+    run grows beyond bounds.
     """
     description = fit.plant.description
     effects = tuple(e for i, e in enumerate(description.effects) if i != number)

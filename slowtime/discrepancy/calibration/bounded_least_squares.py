@@ -25,16 +25,6 @@ def solve_within(
     set free at once (block principal pivoting; Júdice and Pires 1994), which ends at the one
     solution of a positive definite matrix.
 
-    Parameters
-    ----------
-    low, high
-        Bounds; infinite where there are none.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the matrix is not positive definite, or no solution was found.
-
     Examples
     --------
     >>> far = np.array([np.inf, np.inf])

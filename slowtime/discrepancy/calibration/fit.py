@@ -65,8 +65,6 @@ class Fit:
         Of all constants of the plant, in its order and units.
     covariance
         Of the free constants, if the model is right and the noise as given.
-    states
-        Initial state of each trial.
     outputs, residual
         Of each trial (time, sensor), in the sensors' units; the residual is zero where a sample
         is not used.
@@ -109,15 +107,13 @@ class Fit:
 
     @property
     def inflated_sd(self) -> Float[np.ndarray, " free"]:
-        """Standard deviations, inflated where the model leaves more than noise.
-
-        The information of the records is divided by `chi2_in_band`; that of the prior is not.
-        """
+        """Standard deviations, inflated where the model leaves more than noise."""
         sd, wide = self.sd, max(self.chi2_in_band, 1.0)
         if not (np.isfinite(sd).all() and (sd > 0).all()):
             return np.asarray(np.sqrt(wide) * sd)
         claimed = np.diag((sd / self.prior.sd) ** 2)
         both = np.linalg.pinv(self.covariance / np.outer(sd, sd), hermitian=True)
+        # The information of the records is divided by `chi2_in_band`; that of the prior is not.
         told = np.linalg.pinv((both - claimed) / wide + claimed, hermitian=True)
         return np.asarray(sd * np.sqrt(np.clip(np.diag(told), 1.0, wide)))
 
@@ -366,11 +362,8 @@ def referred_to(fit: Fit, trials: Sequence[Trial]) -> tuple[object, ...]:
 def attempt(
     step: Callable[Given, Result], *given: Given.args, **how: Given.kwargs
 ) -> Result | None:
-    """Take a step of a search; None where its fits break down or are abandoned.
-
-    Breaking down is what a wrong law does: its runs grow without bound, or its equations have
-    no solution.
-    """
+    """Take a step of a search; None where its fits break down or are abandoned."""
+    # A wrong law breaks down: its runs grow without bound, or its equations have no solution.
     try:
         return step(*given, **how)
     except (*BREAKDOWNS, FitAbandoned):

@@ -74,13 +74,7 @@ def motion_amplitude(
 
 
 def state_from_sensors(plant: Plant, trial: Trial, known: State) -> State:
-    """Replace displacements and velocities of a state by the first readings of sensors.
-
-    Parameters
-    ----------
-    trial
-        Record whose first sample is used.
-    """
+    """Replace displacements and velocities of a state by the first readings of sensors."""
     described = plant.description
     moves = any(entry.kind in BASE_KINDS for entry in described.inputs)
     coordinates = len(plant.matrices.names)
@@ -100,13 +94,7 @@ def best_initial_state(
     values: Float[np.ndarray, " parameter"],
     states: Sequence[State],
 ) -> State:
-    """Choose the initial state whose free run has the least chi squared; the first of equals.
-
-    Parameters
-    ----------
-    values
-        Of all constants.
-    """
+    """Choose the initial state whose free run has the least chi squared."""
     weights = spectral_weights(trial, noise, 0)
 
     def left(state: State) -> float:
@@ -120,10 +108,8 @@ def best_initial_state(
 
 
 def refit_initial_states(before: Fit, heads: Sequence[Trial]) -> Fit:
-    """Refit the initial states of a fit to the first samples alone.
-
-    Initial states of a whole record make up for what the model lacks in all of it.
-    """
+    """Refit the initial states of a fit to the first samples alone."""
+    # Initial states of a whole record make up for what the model lacks in all of it.
     counts = [max(int(BEGINNING_SHARE * len(head.outputs)), MIN_SAMPLES) for head in heads]
     parts = [head.part(0, count) for head, count in zip(heads, counts, strict=True)]
     first = refit(

@@ -150,8 +150,6 @@ class LeastSquaresProblem:
 
     Parameters
     ----------
-    weights
-        Of each trial's residual.
     samples
         Number of first samples of each trial that are fitted.
     friction_plants
@@ -181,13 +179,7 @@ class Iterate:
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class NormalEquations:
-    """Normal equations at a point: free constants first, then the states of each trial.
-
-    Parameters
-    ----------
-    cost
-        Chi squared of the residuals and of the priors.
-    """
+    """Normal equations at a point: free constants first, then the states of each trial."""
 
     cost: float
     matrix: Float[np.ndarray, "unknown unknown"]
@@ -220,17 +212,7 @@ def simulate_trial(
 def with_cost(
     problem: LeastSquaresProblem, point: Iterate, spread: tuple[State, ...]
 ) -> Iterate:
-    """Compute the cost of a point: chi squared of residuals and priors.
-
-    Parameters
-    ----------
-    spread
-        Prior standard deviations of each trial's initial state.
-
-    Returns
-    -------
-    The point with its cost; infinite where a run grows beyond bounds.
-    """
+    """Compute chi squared of residuals and priors at a point; infinite where a run diverges."""
     free = point.values[list(problem.prior.index)]
     cost = problem.prior.cost(free)
     with np.errstate(all="ignore"):
@@ -251,21 +233,8 @@ def normal_equations(
 ) -> tuple[NormalEquations, tuple[State, ...]]:
     """Linearise the residuals at a point.
 
-    Parameters
-    ----------
-    point
-        Where to linearise.
-    spread
-        Prior standard deviations of each trial's initial state; chosen here where not given.
-
-    Returns
-    -------
-    The normal equations, and these standard deviations.
-
-    Raises
-    ------
-    FloatingPointError
-        Where the run or a sensitivity grows beyond bounds.
+    The standard deviations `spread` of each trial's initial state are chosen where none are
+    given, and returned beside the equations.
     """
     prior, made = problem.prior, []
     cost = prior.cost(point.values[list(prior.index)])
@@ -322,26 +291,8 @@ def minimise(
 ) -> tuple[Iterate, NormalEquations, tuple[State, ...]]:
     """Minimise the cost from a start by Levenberg's and Marquardt's method.
 
-    Parameters
-    ----------
-    start
-        Values and initial states to begin with; the result is never above its cost.
-
-    Returns
-    -------
-    iterate
-        The best point found, with its cost.
-    normal
-        Normal equations there, or one step before where no more was gained.
-    sd
-        Standard deviations of the prior of each trial's initial state.
-
-    Raises
-    ------
-    FitAbandoned
-        Once it is late, unless the best point so far is kept.
-    FloatingPointError
-        Where a free run from the start grows beyond bounds.
+    Gives the best point with its cost, the normal equations there, or one step before where no
+    more was gained, and the prior standard deviations of each trial's initial state.
 
     References
     ----------
@@ -394,17 +345,13 @@ def _damped_step(
     damping: float,
     enough: float,
 ) -> tuple[Iterate, float, float]:
-    """Raise the damping until a step does not raise the cost, or is not worth taking.
-
-    Equations that rounding left indefinite, as of many constants that are hardly told apart,
-    have a solution once they are damped.
-
-    Gives the point tried, the gain that was foretold, and the damping.
-    """
+    """Raise the damping until a step does not raise the cost, or is not worth taking."""
     bounds, raised = _step_bounds(problem, point), DAMPING_FACTOR
     while True:
         try:
             step, gain = _bounded_step(normal, damping, *bounds)
+        # Equations that rounding left indefinite, as of many constants that are hardly told
+        # apart, have a solution once they are damped.
         except np.linalg.LinAlgError:
             tried, gain = point, 0.0
             if damping > MAX_DAMPING:
@@ -425,16 +372,15 @@ def _full_steps(
 ) -> tuple[Iterate, NormalEquations]:
     """Take undamped Gauss-Newton steps along a curved valley (nonmonotone search).
 
-    Of two parameters that only their combination determines, such as a factor and a length
-    whose square divides it, one step raises the cost and the next corrects it. So the cost is
-    compared after a few of them.
-
     References
     ----------
     .. [1] L. Grippo, F. Lampariello, S. Lucidi, "A nonmonotone line search technique for
        Newton's method", SIAM J. Numer. Anal. 23 (1986).
     """
     point, last = start, normal
+    # Of two parameters that only their combination determines, such as a factor and a length
+    # whose square divides it, one step raises the cost and the next corrects it. So the cost is
+    # compared after a few of them.
     for _ in range(FULL_STEPS):
         if leave_out(CONVERGENCE):
             break
@@ -467,10 +413,7 @@ def _step_bounds(
 def _bounded_step(
     normal: NormalEquations, damping: float, low: FreeConstants, high: FreeConstants
 ) -> tuple[Float[np.ndarray, " unknown"], float]:
-    """Solve for the step within bounds of the constants; give it and its predicted gain.
-
-    Where a bound is active, the others are solved for given that (bounded least squares).
-    """
+    """Solve for the step within bounds of the constants; give it and its predicted gain."""
     diagonal = np.maximum(np.diag(normal.matrix), np.finfo(float).tiny)
     scale = 1 / np.sqrt(diagonal)
     inner = normal.matrix * np.outer(scale, scale)
@@ -478,6 +421,7 @@ def _bounded_step(
     down = scale * normal.gradient
     least, most = (np.full(len(scale), far) for far in (-np.inf, np.inf))
     least[: len(low)], most[: len(high)] = low / scale[: len(low)], high / scale[: len(high)]
+    # Where a bound is active, the others are solved for given that (bounded least squares).
     step = solve_within(inner, down, least, most)
     return np.asarray(scale * step), float(step @ (2 * down - inner @ step))
 
@@ -508,12 +452,10 @@ def _initial_state_sd(squares: State, weights: SpectralWeights, trial: Trial) ->
 def _sensitivity_growth(
     slopes: Float[np.ndarray, "time sensor state"], measured: Float[np.ndarray, "time sensor"]
 ) -> State:
-    """Growth of the sensitivity to initial states over the record, from any first part on.
-
-    Where motion is chaotic, the sensitivity grows without bound, so that a prior made from its
-    end would fix the state; there the prior refers to a first part of the record. A linear
-    model that is unstable keeps its prior.
-    """
+    """Growth of the sensitivity to initial states over the record, from any first part on."""
+    # Where motion is chaotic, the sensitivity grows without bound, so that a prior made from
+    # its end would fix the state; there the prior refers to a first part of the record. A
+    # linear model that is unstable keeps its prior.
     parts = np.maximum((len(measured) * FIRST_PARTS).astype(int), MIN_SAMPLES)
     ends = np.unique(np.minimum(parts, len(measured))) - 1
     scale = np.std(measured, axis=0)

@@ -56,15 +56,7 @@ def needs_measured_friction(plant: Plant, noise: Noise) -> bool:
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class MeasuredFrictionPlant:
-    """A plant in one record, with its friction along the measured motion.
-
-    Parameters
-    ----------
-    noise
-        Of all trials.
-    number
-        Of the trial in `noise`.
-    """
+    """A plant in one record, with its friction along the measured motion."""
 
     plant: Plant
     trial: Trial
@@ -146,13 +138,7 @@ class MeasuredFrictionPlant:
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class _FrictionlessPlant:
-    """A plant without friction, and with an input force on every node that friction acts on.
-
-    Parameters
-    ----------
-    renamed
-        Names of the whole plant's parameters here; those of friction are left out.
-    """
+    """A plant without friction, and with an input force on every node that friction acts on."""
 
     plant: Plant
     friction: tuple[Effect, ...]
@@ -227,12 +213,10 @@ class _FrictionlessPlant:
 def _extrapolated(
     left: Float[np.ndarray, "time sensor"], used: Bool[np.ndarray, "time sensor"]
 ) -> Float[np.ndarray, "longer sensor"]:
-    """Interpolate gaps of a residual, and extrapolate it beyond the record to zero.
-
-    The length is odd, so that all lines but the first have equal weight.
-    """
+    """Interpolate gaps of a residual, and extrapolate it beyond the record to zero."""
     count = len(left)
     times = np.arange(count)
+    # The length is odd, so that all lines but the first have equal weight.
     more = count // EXTRAPOLATED_PART + 1 - (count + count // EXTRAPOLATED_PART) % 2
     ahead = np.arange(1, more + 1)
     fade = np.cos(np.pi / 2 * ahead / more) ** 2

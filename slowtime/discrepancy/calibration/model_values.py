@@ -24,11 +24,6 @@ _FIELDS = {Spring: _SPRING, OpenJoint: _SPRING, Beam: _BEAM, Matrix: _MATRIX}
 def with_values(description: Description, values: Mapping[Name, float]) -> Description:
     """Copy a description with some of its constants changed, effects included.
 
-    Parameters
-    ----------
-    values
-        New values by the name of the plant's constant, in its unit.
-
     Examples
     --------
     >>> from slowtime.dynamics.description import Node

@@ -58,21 +58,9 @@ def shooting_fit(
     control: FitControl = DEFAULT_CONTROL,
     free: Sequence[Name] | None = None,
 ) -> tuple[Fit, list[State]]:
-    """Fit constants to segments of records.
+    """Fit constants to segments of records; give that fit, and each record's initial state.
 
-    Parameters
-    ----------
-    values
-        Of all constants, to start from.
-    control
-        When to end: where the cost to beat is out of reach, or it is late. Costs are those of
-        the segments together.
-    free
-        Names of the constants that may move; as in `refit` where not given.
-
-    Returns
-    -------
-    The fit of the segments, and the initial state of each record.
+    The cost to beat of `control` is that of the segments together.
     """
     cut, origin = cut_segments(plant, trials)
     own, late = noise.for_trials(origin), control.is_late
@@ -152,12 +140,7 @@ def strongest_segments(
 ) -> tuple[Trial, ...]:
     """Cut the part of greatest power out of each record.
 
-    Parameters
-    ----------
-    plant
-        The model, whose slowest mode sets the length of a segment.
-    share
-        Share of the greatest power that the part has; 1 for the strongest part.
+    Its power is `share` of the greatest; the slowest mode of the plant sets its length.
     """
     lowest = lowest_frequency_hz(plant)
     found = []

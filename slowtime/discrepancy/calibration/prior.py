@@ -19,12 +19,8 @@ class Prior:
 
     Parameters
     ----------
-    index
-        Their places among all values of the plant.
     mean, sd
         In each one's unit; the standard deviation is infinite where nothing is known.
-    low, high
-        Bounds, in each one's unit.
     scale
         Typical size of a change, in each one's unit.
     """

@@ -25,10 +25,6 @@ class SpectralWeights:
 
     Parameters
     ----------
-    rate_hz
-        Sampling rate [Hz].
-    frequency_hz
-        Lines [Hz].
     use
         1 for valid samples, 0 for others; between 0 and 1 where drift is tapered, so that it
         does not leak over all lines.
@@ -57,17 +53,7 @@ class SpectralWeights:
     ) -> Float[np.ndarray, "column column"]:
         """Inner products of whitened sensitivities and residual.
 
-        Parameters
-        ----------
-        left
-            Residual (time, sensor).
-        slopes
-            Sensitivities (time, sensor, parameter).
-
-        Returns
-        -------
-        Matrix of the products; the residual is its last row and column. One sensor is
-        processed at a time to bound memory.
+        The residual is the last row and column of the matrix.
         """
         count, _, columns = slopes.shape
         inner = np.zeros((columns + 1, columns + 1))
@@ -114,14 +100,7 @@ def spectral_weights(
 ) -> SpectralWeights:
     """Weights of a trial's residual.
 
-    Parameters
-    ----------
-    noise
-        Of all trials.
-    number
-        Of the trial in `noise`.
-    samples
-        Number of first samples that are used; all for 0.
+    Only the first `samples` are used, all for 0.
     """
     count = samples or len(trial.outputs)
     use = trial.used[:count].astype(float)
@@ -149,11 +128,9 @@ def spectral_weights(
 def _masked_density(
     density: Float[np.ndarray, " frequency"], use: Float[np.ndarray, " time"]
 ) -> Float[np.ndarray, " frequency"]:
-    """Density of noise with gaps, through which steep noise leaks to all lines.
-
-    The expected squared spectrum of samples :math:`m_t n_t` is the transform of the
-    autocovariance of the noise times that of the mask.
-    """
+    """Density of noise with gaps, through which steep noise leaks to all lines."""
+    # The expected squared spectrum of masked noise is the transform of the autocovariance of
+    # the noise times that of the mask.
     if use.all() or not use.any():
         return density
     count = len(use)
@@ -163,10 +140,8 @@ def _masked_density(
 
 
 def _tapered_mask(use: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
-    """Taper a mask towards its end and towards gaps by a squared sine.
-
-    Not at the start: initial states are free, and drift is zero there.
-    """
+    """Taper a mask towards its end and towards gaps by a squared sine."""
+    # Not at the start: initial states are free, and drift is zero there.
     before = np.full(len(use), use[0] > 0)
     inside = scipy.ndimage.distance_transform_edt(np.concatenate([before, use > 0, [False]]))
     inside = inside[len(use) : -1]

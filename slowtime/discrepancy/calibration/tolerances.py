@@ -17,15 +17,10 @@ rule."""
 
 
 def refit_within_tolerances(fit: Fit, trials: tuple[Trial, ...]) -> Fit:
-    """Refit within tolerances where constants make up for what is missing.
-
-    Chi squared of a wrong model outweighs every prior, and moves constants so far that nothing
-    can be linearised about them. What is missing is then located from the claimed constants.
-
-    Returns
-    -------
-    The fit within tolerances, or the given one where no constant is bent.
-    """
+    """Refit within tolerances where constants make up for what is missing."""
+    # Chi squared of a wrong model outweighs every prior, and moves constants so far that
+    # nothing can be linearised about them. What is missing is then located from the claimed
+    # constants.
     most = max(map(abs, fit.constant_pulls.values()), default=0.0)
     if fit.chi2_in_band < WRONG_MODEL_CHI2 or most <= LEFT_TOLERANCES:
         return fit

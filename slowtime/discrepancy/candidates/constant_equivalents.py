@@ -103,11 +103,7 @@ def equivalent_laws(
 def instead_of_constants(
     bent: Fit, labels: Sequence[Candidate], trials: Sequence[Trial], kinds: Mapping[str, Kind]
 ) -> list[Candidate]:
-    """Propose further laws for which moved constants may stand.
-
-    For a fit whose constants explain everything, so that its residual shows no law. Until they
-    are refitted, they count as good as the best candidate.
-    """
+    """Propose further laws for which moved constants may stand."""
     done = {label_of(one.effect) for one in labels}
     every = equivalent_laws(bent, trials, kinds)
     others = [one for one in every if label_of(one.effect) not in done][:MAX_LAWS]
@@ -115,6 +111,8 @@ def instead_of_constants(
     named = {one.effect.kind for one in [*labels, *others]}
     beside = [one for one in _other_constants(bent, kinds) if one.effect.kind in named]
     others += [one for one in beside if label_of(one.effect) not in done][:MAX_OTHER_CONSTANTS]
+    # A fit whose constants explain everything leaves no residual to rank laws by. Until they
+    # are refitted, they count as good as the best candidate.
     if not labels:
         return others
     best = labels[0]
@@ -151,10 +149,8 @@ def _is_moved(name: tuple[object, ...], pull: float) -> bool:
 
 
 def is_single_changed_constant(fit: Fit, effect: Effect) -> bool:
-    """Whether one constant alone is far off, and an effect is its change.
-
-    A tolerance stated too small is then no alternative.
-    """
+    """Whether one constant alone is far off, and an effect is its change."""
+    # A single constant far off is no sign of a tolerance stated too small.
     off = [
         name for name, pull in fit.constant_pulls.items() if abs(pull) > LIMITS.moved_tolerances
     ]

@@ -32,13 +32,6 @@ class ForceSpace:
     Constants, under their priors, and initial states are eliminated from the normal equations
     (Schur complement).
 
-    Parameters
-    ----------
-    place
-        Where forces act.
-    keeps
-        Whether the columns of constants and initial states are kept, for `elsewhere`.
-
     Raises
     ------
     numpy.linalg.LinAlgError
@@ -106,15 +99,8 @@ class ForceSpace:
         self.sd, self.pulls = known.sd, deviation / known.sd
 
     def elsewhere(self, place: Place) -> "ForceSpace":
-        """Give the space of another place to which the same motion belongs.
-
-        What constants and initial states do along it is not computed again.
-
-        Raises
-        ------
-        ValueError
-            Where the columns were not kept.
-        """
+        """Give the space of another place to which the same motion belongs."""
+        # What constants and initial states do along the motion is not computed again.
         if self._kept is None:
             raise ValueError("Make the space with keeps=True to see other places from it.")
         other = copy.copy(self)
@@ -149,13 +135,7 @@ class ForceSpace:
     def lines_of(
         self, series: Iterable[Float[np.ndarray, "time column"]]
     ) -> list[ForceSpectra]:
-        """Transform forces (time, column), trial by trial; zero for one that is not finite.
-
-        Parameters
-        ----------
-        series
-            Of each trial [N].
-        """
+        """Transform forces [N] (time, column) by trial; zero for one that is not finite."""
         whole = list(series)
         fine = np.all([(np.abs(one) < MAX_FORCE).all(axis=0) for one in whole], axis=0)
         return [
@@ -186,13 +166,7 @@ class ForceSpace:
     def products(
         self, forces: list[ForceSpectra]
     ) -> tuple[Float[np.ndarray, "nuisance column"], Float[np.ndarray, " column"]]:
-        """Products of forces with constants and initial states, scaled, and with the residual.
-
-        Parameters
-        ----------
-        forces
-            Spectra of each trial (frequency, column).
-        """
+        """Products of forces with constants and initial states, and with the residual."""
         count = forces[0].shape[1]
         cross, seen = np.zeros((len(self.right), count)), np.zeros(count)
         for force, along, at in zip(forces, self.along, self.where, strict=True):
@@ -226,7 +200,7 @@ class ForceSpace:
     def fit_within_tolerances(self, forces: list[ForceSpectra]) -> tuple[float, float]:
         """Fit a force that constants can reproduce, by the priors of these constants.
 
-        Gives its strength, and the decrease of their squared deviations; (0, 0) where the
+        Gives its strength, and the decrease of their squared deviations; zeros where the
         sensors tell the force from changed constants.
         """
         cross, whole = self.products(forces)[0][:, 0], float(self.power(forces)[0])

@@ -86,12 +86,7 @@ def law_pairs(
     reached: Mapping[Label, float],
     kinds: Mapping[str, Kind],
 ) -> list[tuple[Candidate, Candidate]]:
-    """Find pairs of laws that leave less than half of what the best law leaves.
-
-    Returns
-    -------
-    The best pairs, the best first, with the start of the fit of both.
-    """
+    """Find pairs of laws that leave less than half of what the best law leaves, best first."""
     group = _best_structural_group(located)
     if not tried or group is None:
         return []
@@ -243,15 +238,14 @@ def _candidate_columns(
     tried: Sequence[Candidate],
     kinds: Mapping[str, Kind],
 ) -> Iterator[_Column]:
-    """Columns of every proportional law, in every shape, at every place of a group.
-
-    And as it was fitted alone, since a jump lies between the instants of the scan.
-    """
+    """Columns of every proportional law, in every shape, at every place of a group."""
     laws = [kind for kind in simple_kinds(kinds) if _is_proportional(kind)]
     for place, (space, sign) in spaces.items():
         for kind in laws:
             if not is_applicable(kind, place, located.linear.description):
                 continue
+            # Once more as it was fitted alone, since a jump lies between the instants of the
+            # scan.
             here = (one.effect for one in tried if label_of(one.effect) == (kind.name, place))
             for parameters in (
                 *unit_strength_shapes(kind, space),

@@ -108,16 +108,9 @@ def library_candidates(
     kinds: Mapping[str, Kind],
     among: Sequence[Kind] | None = None,
 ) -> list[Candidate]:
-    """Fit every kind at every place that may explain the residual.
+    """Fit every kind at every place that may explain the residual, by falling score.
 
-    Parameters
-    ----------
-    among
-        Kinds of it to fit; those that contain no others where not given.
-
-    Returns
-    -------
-    Each kind and place with its best parameters, by falling score.
+    Kinds that contain others are left out, unless they are named in `among`.
     """
     data = sum(2 * t.residual.size for t in located.lines)
     found: list[Candidate] = []
@@ -171,11 +164,9 @@ def library_candidates(
 
 
 def is_tonal(located: Localization) -> bool:
-    """Whether nearly all of the residual power is one spectral line.
-
-    A tone is then tried at every place, as the likelihood of a force of any spectrum does not
-    rank places for it.
-    """
+    """Whether nearly all of the residual power is one spectral line."""
+    # A tone is tried at every place, as the likelihood of a force of any spectrum does not rank
+    # places for it.
     loud = [
         np.maximum(np.sum(np.abs(one.residual) ** 2 / one.noise - 1, axis=1), 0.0)
         for one in located.lines
@@ -255,11 +246,7 @@ def unreachable_chi2(located: Localization, group: PlaceGroup) -> float:
 
 
 def is_applicable(kind: Kind, place: Place, description: Description) -> bool:
-    """Whether a kind may act at a place of a structure.
-
-    Parameters per radian need angles; an open joint has nothing that could change, and two
-    points that are joined already lack no spring.
-    """
+    """Whether a kind may act at a place of a structure."""
     if kind.where != place.kind or is_of_beam(place, description):
         return False
     if kind.name == MISPLACED:
@@ -274,6 +261,7 @@ def is_applicable(kind: Kind, place: Place, description: Description) -> bool:
         return False  # what it does to reduced substructures is not known
     if kind.name == GAIN and len(description.inputs) == 1 and has_rigid_motion(description):
         return False  # equivalent to all masses and dampers being smaller
+    # Parameters per radian need angles.
     angular = any("/rad" in parameter.unit for parameter in kind.parameters)
     return not angular or description.unit_of_coordinate == "rad"
 

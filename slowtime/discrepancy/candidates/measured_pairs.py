@@ -139,17 +139,7 @@ class _Columns:
 def measured_pairs(
     fit: Fit, located: Localization, kinds: Mapping[str, Kind]
 ) -> list[tuple[Candidate, Candidate]]:
-    """Find pairs of laws that leave far less than any law alone.
-
-    Parameters
-    ----------
-    located
-        Places along the measured motion (`measured_motion`).
-
-    Returns
-    -------
-    The best pairs, the best first, with the start of the fit of both.
-    """
+    """Find pairs of laws that leave far less than any law alone, the best first."""
     every = list(_columns(fit, located, kinds))
     if not every:
         return []
@@ -183,11 +173,9 @@ def measured_pairs(
 
 
 def act_apart(fit: Fit, trials: Sequence[Trial], kinds: Mapping[str, Kind]) -> bool:
-    """Whether two laws at different places explain far more than any law does.
-
-    Never of one coordinate: its element, its node and its link to the ground move alike.
-    """
+    """Whether two laws at different places explain far more than any law does."""
     located = attempt(measured_motion, fit, trials)
+    # One coordinate: its element, its node and its link to the ground move alike.
     if located is None or located.linear.structure.dofs < 2:
         return False
     pairs = attempt(measured_pairs, fit, located, kinds) or []

@@ -46,10 +46,6 @@ def modulation_frequencies_hz(
 
     Parameters
     ----------
-    forces, laws
-        Force and unmodulated law of each trial [N].
-    times
-        Campaign times [s].
     heard
         Further lines to look at [Hz]: a line that is strong at the sensors may be weak in a
         force that they hardly sense.

@@ -148,13 +148,7 @@ def effects_of_strength(
     shares: Sequence[float],
     most: int = MAX_START_SHAPES,
 ) -> Iterator[Effect]:
-    """Give a law in some of its shapes, its force so many times as strong as another.
-
-    Parameters
-    ----------
-    most
-        Shapes.
-    """
+    """Give a law in some of its shapes, its force so many times as strong as another."""
     shapes = list(kind.shapes(motion))
     some = np.unique(np.linspace(0, len(shapes) - 1, min(most, len(shapes))).astype(int))
     assert kind.strength is not None
@@ -389,11 +383,9 @@ def _best_change(
 def _best_parameter_value(
     space: ForceSpace, acted: ParameterAction, parameter: Parameter, idle: float, step: float
 ) -> tuple[float, float] | None:
-    """Value that explains most, and its gain: in one step where its action is linear.
-
-    Otherwise by a scan of the shortest record, each value changing the series by half of itself
-    more, and by Gauss-Newton steps from the best.
-    """
+    """Value that explains most, and its gain: in one step where its action is linear."""
+    # Otherwise by a scan of the shortest record, each value changing the series by half of
+    # itself more, and by Gauss-Newton steps from the best.
     moved = acted(idle + step)
     double = acted(idle + 2 * step)
     if all(
@@ -500,15 +492,13 @@ def concatenate_motions(motions: list[Motion]) -> Motion:
 
 
 def best_within_tolerances(kind: Kind, space: ForceSpace) -> tuple[Effect, float] | None:
-    """Fit an effect that changed constants can reproduce, by the priors of these constants.
-
-    The constants have tolerances, the effect has none. With a shaken base, an added mass is
-    equivalent to less stiffness and damping.
-    """
+    """Fit an effect that changed constants can reproduce, by the priors of these constants."""
     if not is_constant_change(kind):
         return None
     unit = dict.fromkeys(kind.names, 1.0)
     force = [force_along(kind, unit, latent.motion)[:, None] for latent in space.latents]
+    # The constants have tolerances, the effect has none. With a shaken base, an added mass is
+    # equivalent to less stiffness and damping.
     strength, gain = space.fit_within_tolerances(space.lines_of(force))
     found = {kind.names[0]: strength}
     can = is_possible(kind, found, space.located.linear.description, space.place)

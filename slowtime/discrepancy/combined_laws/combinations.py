@@ -88,14 +88,7 @@ def fit_combinations(
 ) -> list[Combination]:
     """Fit every set of laws at an element, each from the best set with one law less.
 
-    Parameters
-    ----------
-    monitor
-        Told what is fitted; says whether the budget is used up.
-
-    Returns
-    -------
-    Those whose fit did not break down, until the budget is used up.
+    Sets whose fit breaks down are left out, as are those beyond the budget.
     """
     found = {frozenset[str](): Combination((), place, (first,))}
     located: dict[Laws, Localization] = {}

@@ -60,13 +60,7 @@ explain less than half only of what is hardly seen."""
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class RankedCombination:
-    """A combination of laws with its probability among all that were fitted.
-
-    Parameters
-    ----------
-    probability
-        Probability [1]; those of all significant combinations add up to 1.
-    """
+    """A combination of laws with its probability among all that were fitted."""
 
     combination: Combination
     probability: float
@@ -82,17 +76,10 @@ def explain_together(
 ) -> Hypothesis | None:
     """Find the laws of stiffness and damping that records lack together.
 
-    Parameters
-    ----------
-    monitor
-        Told the stage; says whether the budget is used up.
-
-    Returns
-    -------
-    The model with the most probable laws, marked as exhausted where the budget was used up
-    before all combinations were fitted. The model as given, without effects, where it leaves
-    next to nothing, and no combination noticeably less. None where nothing is missing, where
-    the structure has too many elements, or where no combination is significant.
+    Gives the model with the most probable laws, marked as exhausted where the budget was used
+    up before all combinations were fitted. Without effects where it leaves next to nothing, and
+    no combination noticeably less. None where nothing is missing, the structure has too many
+    elements, or no combination is significant.
     """
     description = first.plant.description
     localized = locate(first, trials)
@@ -196,11 +183,9 @@ def _ranked(
 def _without_idle_laws(
     combinations: Sequence[tuple[Combination, FittedCandidate]], least: float
 ) -> list[FittedCandidate]:
-    """Leave out combinations that explain hardly more than some of their laws do.
-
-    The other laws have to explain a share of all that is missing (`least`), or most of what
-    those laws leave: beside the sine of a pendulum's angle, all that brakes it is little.
-    """
+    """Leave out combinations that explain hardly more than some of their laws do."""
+    # The other laws have to explain a share of all that is missing (`least`), or most of what
+    # those laws leave: beside the sine of a pendulum's angle, all that brakes it is little.
     return [
         fit
         for one, fit in combinations
@@ -230,11 +215,9 @@ def _fitted_again(
 
 
 def _without_negative_damping(fit: Fit, trials: Sequence[Trial]) -> Fit:
-    """Hold viscous dampings at zero that came out negative: nothing here feeds motion.
-
-    Drag and a negative damping together imitate friction that varies a little. Where the fit
-    is much worse without it, all laws together are the law of the damping, and it stays.
-    """
+    """Hold viscous dampings at zero that came out negative: nothing here feeds motion."""
+    # Drag and a negative damping together imitate friction that varies a little. Where the fit
+    # is much worse without it, all laws together are the law of the damping, and it stays.
     names = list(fit.plant.entries)
     negative = [
         name for name, value in zip(names, fit.values, strict=True)
@@ -257,11 +240,9 @@ def _shares(
     trials: Sequence[Trial],
     kinds: Mapping[str, Kind],
 ) -> list[float]:
-    """Probability of each combination.
-
-    What the noise model cannot be trusted in tempers the likelihood, and so does what is left
-    in few lines of the spectrum; what parameters cost depends on neither.
-    """
+    """Probability of each combination."""
+    # What the noise model cannot be trusted in tempers the likelihood, and so does what is left
+    # in few lines of the spectrum; what parameters cost depends on neither.
     best = scored[0].fit
     tempered = LIMITS.evidence_power / max(best.chi2_in_band, 1.0)
     tempered *= independent_share(best, trials)

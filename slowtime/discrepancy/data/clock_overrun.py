@@ -26,19 +26,7 @@ def mask_clock_overrun(
     effects: Iterable[Effect],
     kinds: Mapping[str, Kind],
 ) -> tuple[Trial, ...]:
-    """Mask samples that effects on sensor clocks take from beyond the record.
-
-    Parameters
-    ----------
-    channels
-        Names of the sensors, in the order of the outputs.
-    effects
-        Effects of a model; only changes of sensors are looked at.
-
-    Returns
-    -------
-    The records, with `use` False for those samples.
-    """
+    """Mask samples that effects on sensor clocks take from beyond the record."""
     found = list(trials)
     for effect in effects:
         kind = kinds[effect.kind]
@@ -58,13 +46,11 @@ def mask_clock_overrun(
 def clock_overrun(
     action: SensorChange, trial: Trial, values: Float[np.ndarray, " parameter"]
 ) -> Bool[np.ndarray, " time"]:
-    """Mask samples that a change of the clock takes from after the last one of the record.
-
-    A change of the clock leaves a constant series as it is, and a ramp not.
-    """
+    """Mask samples that a change of the clock takes from after the last one of the record."""
     times = trial.times_s
     ramp = times - times[0]
     late = np.zeros(len(times), dtype=bool)
+    # A change of the clock leaves a constant series as it is, and a ramp not.
     told = action.act(np.ones(len(times)), times, values)
     if not np.allclose(told, 1.0, rtol=0, atol=1e-3):
         return late

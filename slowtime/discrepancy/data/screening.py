@@ -108,8 +108,6 @@ def screen(
 
     Parameters
     ----------
-    channels
-        Names of the sensors for the findings; numbers from 1 where none are given.
     stops
         Moduli at which channels are known to be clipped, in their units.
 
@@ -174,14 +172,13 @@ def _initial_rest(trial: Trial) -> Bool[np.ndarray, " time"]:
 def _clipped_neighbourhood(
     clipped: Bool[np.ndarray, " time"], samples: Float[np.ndarray, " time"]
 ) -> Bool[np.ndarray, " time"]:
-    """Mask clipped samples, and adjacent ones within the noise of the stop.
-
-    Noise decides which of these were clipped, and those that are left are biased towards zero.
-    """
+    """Mask clipped samples, and adjacent ones within the noise of the stop."""
     bend = np.diff(samples, 3)
     bend = np.abs(bend[np.isfinite(bend)])
     noise = np.median(bend) / (NORMAL_MAD * math.sqrt(20.0)) if len(bend) else 0.0
     # Where a signal turns within a few samples, it bends more than its noise does.
+    # Noise decides which samples near a stop were clipped, and those that are left are biased
+    # towards zero.
     reach = min(
         CLIPPED_NOISE_SDS * noise, MAX_CLIPPED_MARGIN * np.ptp(samples[np.isfinite(samples)])
     )

@@ -103,15 +103,7 @@ Tick = Callable[[Effect, int], bool | None]
 def best_of_each_place(
     found: Sequence[Candidate], most: int = MAX_CANDIDATES
 ) -> list[Candidate]:
-    """Choose the best candidates, of several kinds at several places.
-
-    Parameters
-    ----------
-    found
-        Candidates by log evidence along the force [nats], the best first.
-    most
-        Number of candidates at most.
-    """
+    """Choose the best candidates, of several kinds at several places."""
     if not found:
         return []
     kept: list[Candidate] = []
@@ -141,8 +133,6 @@ class FitSchedule:
     start
         Constants and initial states; as the model without the candidate has them where not
         given.
-    shooting
-        Whether it is fitted to short segments of the records first.
     horizons
         Growing shares of each record [1], the last of them 1.
     """
@@ -167,19 +157,9 @@ def fit_candidate(
 ) -> FittedCandidate | None:
     """Add one effect to the model of a fit, and fit all constants to the free run again.
 
-    Parameters
-    ----------
-    noise
-        By which residuals are weighted; estimated from the residual where not given.
-    control
-        When the fit ends: where it is late, or will not come near a cost to beat.
-    schedule
-        Where it starts, and to which parts of the records it is fitted in turn.
-
-    Returns
-    -------
-    The refitted model; None where the fit broke down or was abandoned. A law that explains
-    every segment, but no whole record, has the fit of `before` and that of the segments.
+    It is weighted by the noise of the residual where none is given. Gives None where the fit
+    broke down or was abandoned; a law that explains every segment, but no whole record, has the
+    fit of `before` and that of the segments.
     """
     plant, values, states = augmented_start(before, effect, kinds, schedule.start)
     description = plant.description
@@ -230,8 +210,6 @@ class Fitting:
 
     Parameters
     ----------
-    before
-        The fit that each of them is added to.
     tick
         Told which candidate is next, and its number; says whether there is no budget for it.
     late
@@ -239,15 +217,11 @@ class Fitting:
     shooting
         Whether each is fitted to segments of the records first: that leads to the right minimum
         where an effect is strong, and costs more.
-    found
-        Those that do something, in the order in which they were fitted.
     idle, nested
         Those of several parameters that do what a simpler one does: of which the motion shows
         what sets them apart, and all.
     noise
         Of the first fit, by which all are compared.
-    stopped
-        Whether there was no budget for the next.
     give_up, reached
         Chi squared along the force above which others are not fitted any more; the least that
         one which explains all has left in its free run.
@@ -269,11 +243,9 @@ class Fitting:
     reached: float = math.inf
 
     def fit(self, candidates: Sequence[Candidate]) -> "Fitting":
-        """Fit each candidate until there is no budget left.
-
-        Once one leaves nothing, others are given up that were far behind it along the force;
-        once one leaves little, others that would leave more.
-        """
+        """Fit each candidate until there is no budget left."""
+        # Once one leaves nothing, others are given up that were far behind it along the force;
+        # once one leaves little, others that would leave more.
         fitting, first = self, self.count
         ahead: FitsAhead[FittedCandidate | None] = FitsAhead(
             current_workers(), self._shared_objects()
@@ -289,10 +261,7 @@ class Fitting:
         return fitting
 
     def ranked(self, over: Callable[[], bool] = bool) -> list[FittedCandidate]:
-        """Give one fit for each candidate, the best first, by the noise that the best leaves.
-
-        Once it is `over`, the best is left in the minimum in which it is.
-        """
+        """Give one fit for each candidate, the best first by the noise that it leaves."""
         found = list(self.found)
         if not any(chi2_p_value(one.fit) > LIMITS.white_p_value for one in found):
             # No simpler law does the same.
@@ -300,6 +269,7 @@ class Fitting:
         best: dict[Label, FittedCandidate] = {}
         for one in sorted(found, key=lambda n: -n.score):
             best.setdefault(label_of(one.effect), one)
+        # Once it is `over`, the best is left in the minimum in which it is.
         return with_noise_of_best(
             self.before, list(best.values()), self.trials, self.kinds,
             anew=not self.stopped, over=over,
@@ -387,10 +357,8 @@ class Fitting:
         return dataclasses.replace(seen, idle=idle, nested=(*self.nested, named))
 
     def _cost_to_beat(self, effect: Effect) -> float | None:
-        """Cost from which a fit is given up; none where a law that becomes it was fitted.
-
-        Whether the more general of two nested laws is needed is told by both fits.
-        """
+        """Cost from which a fit is given up; none where a law that becomes it was fitted."""
+        # Whether the more general of two nested laws is needed is told by both fits.
         general = any(limit_of(one.effect) == label_of(effect) for one in self.found)
         return None if general else min((one.fit.cost for one in self.found), default=None)
 
@@ -464,11 +432,7 @@ def with_noise_of_best(
     anew: bool,
     over: Callable[[], bool] = bool,
 ) -> list[FittedCandidate]:
-    """Judge all by the noise that the best leaves, where they were fitted to another.
-
-    Where that is far from noise, the best is fitted `anew`, from where its model stands. All
-    that until it is `over`.
-    """
+    """Judge all by the noise that the best leaves, where they were fitted to another."""
     if (
         not found
         or abs(found[0].fit.chi2_in_band - 1) < NOISE_UPDATE_SDS * found[0].fit.in_band_sd
@@ -483,6 +447,7 @@ def with_noise_of_best(
     if fit is None:
         return found
     least, most = WRONG_MODEL_CHI2, LOCAL_MINIMUM_SHARE * before.chi2_in_band
+    # Far from noise, the best is fitted again from where its model stands.
     if anew and least < fit.chi2_in_band < most:
         # One period off over a long record, the misfit has a minimum too.
         other = attempt(refit, plant, trials, values=fit.values, control=control)

@@ -24,8 +24,6 @@ class Attempt(Generic[Result]):
 
     Parameters
     ----------
-    fit
-        The fit; None where it was abandoned or broke down.
     compared
         Comparisons with the cost to beat, in their order.
     """
@@ -45,8 +43,6 @@ class FitsAhead(Generic[Result]):
 
     Parameters
     ----------
-    workers
-        Processes that make them; None where there are none.
     shared
         Objects that fits may refer to, and that stay the same objects.
     """
@@ -71,17 +67,7 @@ class FitsAhead(Generic[Result]):
     def take(
         self, number: int, cost_to_beat: float | None, is_late: Callable[[], bool]
     ) -> Attempt[Result] | None:
-        """Take a fit that was begun, and count its work.
-
-        Parameters
-        ----------
-        is_late
-            Whether there is no budget left.
-
-        Returns
-        -------
-        The fit; None where none was begun, or it may not be the one that is wanted.
-        """
+        """Take a fit that was begun, and count its work; None where it may be another."""
         if number not in self._begun:
             return None
         pending, begun_with = self._begun.pop(number)

@@ -69,16 +69,9 @@ Source: docs/what_decides.md: half and double change no answer."""
 def found_holds(
     fit: Fit, trials: Sequence[Trial], kinds: Mapping[str, Kind]
 ) -> tuple[Hold, ...] | None:
-    """Say which hold explains the records better than that of a fit; None where none does.
-
-    Holds are compared where something else may be missing, too: by what is left with any force
-    at the likeliest place, of the record of which the model explains most.
-
-    Notes
-    -----
-    Inputs that state their hold keep it. A step looks late, and a straight line weak: where a
-    delay or a gain explains more than another hold does, between samples all is as it was.
-    """
+    """Say which hold explains the records better than that of a fit; None where none does."""
+    # Holds are compared where something else may be missing, too: by what is left with any
+    # force at the likeliest place, of the record of which the model explains most.
     description = fit.plant.description
     explained = fit.chi2_in_band < 1 + EXPLAINED_SDS * fit.in_band_sd
     if explained or all(entry.hold is not None for entry in description.inputs):
@@ -142,18 +135,9 @@ def held_instead(
     kinds: Mapping[str, Kind],
     stated: Sequence[Hold] | None = None,
 ) -> tuple[Hold, ...] | None:
-    """Say which hold does as well as the fault of an input that was found last.
-
-    A hold that was found while more was missing may have been the wrong one: a fault that
-    undoes it is no fault.
-
-    Parameters
-    ----------
-    faulty, before
-        With the fault and without it, under the same noise, on the same trials.
-    stated
-        What the model says of each input; what it does now where not given.
-    """
+    """Say which hold does as well as the fault of an input that was found last."""
+    # A hold that was found while more was missing may have been the wrong one: a fault that
+    # undoes it is no fault.
     inputs = before.plant.description.inputs
     known = [entry.hold for entry in inputs] if stated is None else stated
     if None not in known or faulty.plant.effects[-1].kind not in RIVALS:
@@ -183,24 +167,9 @@ def held_as_well(
     kinds: Mapping[str, Kind],
     stated: Sequence[Hold],
 ) -> tuple[Hold, ...] | None:
-    """Say under which hold a model explains as much as it does with one effect more.
-
-    A straight line that was taken for a curve makes loads a little too strong: with little else
-    missing, any effect that grows with frequency looks like that.
-
-    Parameters
-    ----------
-    before, noise
-        The fit without the effect, and the noise that the one with it leaves.
-    lead
-        Log evidence that the effect brings [nats].
-    stated
-        What the model says of each input; None where it says nothing.
-
-    Returns
-    -------
-    The hold of each input; None where every input states its hold, or none explains as much.
-    """
+    """Say under which hold a model explains as much as it does with one effect more."""
+    # A straight line that was taken for a curve makes loads a little too strong: with little
+    # else missing, any effect that grows with frequency looks like that.
     if None not in stated or before.chi2_in_band > HOLD_ERROR_CHI2:
         return None
     held = min(_others(before, noise, trials, kinds, stated), key=lambda fit: fit.cost)
@@ -243,15 +212,8 @@ def _others(
 def held_otherwise(
     last: Fit, trials: Sequence[Trial], kinds: Mapping[str, Kind], stated: Sequence[Hold]
 ) -> tuple[Hold, ...] | None:
-    """Say which hold does better than that of a fit with all effects in; None where none does.
-
-    Where much is missing, forces at the likeliest places may look alike under all of them.
-
-    Parameters
-    ----------
-    stated
-        What the model says of each input.
-    """
+    """Say which hold does better than that of a fit with all effects in; None without one."""
+    # Where much is missing, forces at the likeliest places may look alike under all holds.
     if None not in stated or last.chi2_in_band < 1 + EXPLAINED_SDS * last.in_band_sd:
         return None
     others = _others(last, last.noise, trials, kinds, stated)

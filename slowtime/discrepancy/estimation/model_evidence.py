@@ -27,8 +27,6 @@ class FittedCandidate:
     score
         Log evidence, but for what all share: half of chi squared and priors, half a log of
         the data for each parameter of its effects.
-    shot
-        The same fitted to short pieces of the records, where that was tried.
     """
 
     effect: Effect
@@ -39,24 +37,10 @@ class FittedCandidate:
 
 
 def evidence(fit: Fit, kinds: Mapping[str, Kind], noise_scale: float = 1.0) -> float:
-    """Log evidence of a fit by Schwarz's criterion; constants carry their own priors.
-
-    All open joints together are as probable as one element, so that many do not outvote it.
-
-    Instants that fall between records are not charged for, because the records do not narrow
-    them down.
-
-    Parameters
-    ----------
-    fit
-        Of the model; its `cost` is chi squared with priors [1].
-    noise_scale
-        Factor on the variance of the noise [1].
-
-    Returns
-    -------
-    Log evidence up to a constant that is the same for all models of the same records [nats].
-    """
+    """Log evidence of a fit by Schwarz's criterion; constants carry their own priors."""
+    # Instants that fall between records are not charged for, because the records do not narrow
+    # them down. All open joints together are as probable as one element, so that many do not
+    # outvote it.
     numbers = sum(name[0] == "effect" for name in fit.prior.names) - len(
         undetermined_parameters(fit)
     )
@@ -83,12 +67,7 @@ def log_joints(place: Place, description: Description) -> float:
 
 
 def natural_value(fit: Fit, name: Name) -> tuple[float, float] | None:
-    """Value that a parameter of an effect has in the simplest form of its law, and its sd.
-
-    Returns
-    -------
-    In the unit of the parameter; None where no value is simpler than others.
-    """
+    """Value of a parameter in the simplest form of its law, and its sd; None without such."""
     if len(name) != 3:
         return None
     effect = fit.plant.effects[int(name[1])]
@@ -103,10 +82,7 @@ def natural_value(fit: Fit, name: Name) -> tuple[float, float] | None:
 
 
 def sds_from_natural_value(fit: Fit, name: Name) -> float:
-    """Deviation of a parameter from the simplest form of its law [standard deviations].
-
-    Infinite where there is no such form.
-    """
+    """Deviation of a parameter from its natural value [sds]; infinite where it has none."""
     natural = natural_value(fit, name)
     if natural is None or name not in fit.prior.names:
         return math.inf
@@ -117,19 +93,16 @@ def sds_from_natural_value(fit: Fit, name: Name) -> float:
 
 
 def _at_natural_value(fit: Fit, name: Name) -> float:
-    """Log evidence that a parameter does not cost where it stands at its natural value.
-
-    Held there, it would be none; half its squared deviation is what that would leave.
-    """
+    """Log evidence that a parameter does not cost where it stands at its natural value."""
+    # Held there, it would be none; half its squared deviation is what that would leave.
     return max(math.log(fit.data) / 2 - sds_from_natural_value(fit, name) ** 2 / 2, 0.0)
 
 
 def _spared(fit: Fit, name: Name) -> float:
-    """Log evidence that Schwarz takes from a number which no record can narrow down further.
-
-    A constant and an effect like it share one sum; the effect is known as well as the constant
-    is claimed, from anything up to its own size, and that narrowing is all it has cost.
-    """
+    """Log evidence that Schwarz takes from a number which no record can narrow down further."""
+    # A constant and an effect like it share one sum; the effect is known as well as the
+    # constant is claimed, from anything up to its own size, and that narrowing is all it has
+    # cost.
     if name not in fit.prior.names:
         return 0.0
     at = fit.prior.names.index(name)
@@ -138,12 +111,7 @@ def _spared(fit: Fit, name: Name) -> float:
 
 
 def undetermined_parameters(fit: Fit) -> tuple[Name, ...]:
-    """Instants of switches that no record determines, because they fall between two.
-
-    Returns
-    -------
-    Names of these parameters in the plant of the fit.
-    """
+    """Instants of switches that no record determines, because they fall between two."""
     found: list[Name] = []
     for name, value, sd in zip(fit.prior.names, fit.free, fit.sd, strict=True):
         if len(name) != 3:

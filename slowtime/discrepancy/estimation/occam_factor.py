@@ -50,10 +50,8 @@ def leniency(
 
 
 def doubted(pulls: Sequence[float]) -> float:
-    """Log evidence [nats] of constants by their pulls [stated tolerances].
-
-    Each tolerance is true, or too small by the factor `TOLERANCE_FACTOR`.
-    """
+    """Log evidence [nats] of constants by their pulls [stated tolerances]."""
+    # Each tolerance is true, or too small by the factor `TOLERANCE_FACTOR`.
     either = np.logaddexp(
         np.log(1 - MISSTATED_PROBABILITY), np.log(MISSTATED_PROBABILITY) + relief(pulls)
     )
@@ -67,10 +65,7 @@ def relief(pulls: Sequence[float]) -> Float[np.ndarray, " pull"]:
 
 
 def _narrowed(named: FittedCandidate, kinds: Mapping[str, Kind]) -> float:
-    """Give what Schwarz took too much from numbers of the last effect.
-
-    Nothing where one of them is not known: then it is the limit of a simpler law.
-    """
+    """Give what Schwarz took too much from numbers of the last effect."""
     kind, fit = kinds[named.effect.kind], named.fit
     which, hidden = len(named.description.effects) - 1, undetermined_parameters(fit)
     own = [
@@ -79,6 +74,7 @@ def _narrowed(named: FittedCandidate, kinds: Mapping[str, Kind]) -> float:
         if name[:2] == ("effect", which) and name not in hidden
     ]
     if is_constant_change(kind) or not own:
+        # A number that is not known is the limit of a simpler law.
         return 0.0
     size, sd = np.abs(fit.free[own] - nothing_of(kind)), fit.inflated_sd[own]
     if not (size >= LIMITS.seen_sds * sd).all():

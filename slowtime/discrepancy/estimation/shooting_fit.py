@@ -34,15 +34,7 @@ def shooting_fits(
     kinds: Mapping[str, Kind],
     tick: Tick,
 ) -> list[FittedCandidate]:
-    """Fit labels to pieces first where their free run went astray; all, the best first.
-
-    Parameters
-    ----------
-    labels
-        Candidates, the foremost of them, each once.
-    named
-        Those that were refitted, the best first.
-    """
+    """Fit labels to pieces first where their free run went astray; all, the best first."""
     found = list(named)
     if not found or found[0].fit.chi2_in_band <= LIMITS.far_off_chi2:
         return found
@@ -81,10 +73,8 @@ def first_of_each(*ranked: Sequence[Candidate]) -> list[Candidate]:
 def in_pieces(
     named: Sequence[FittedCandidate], kinds: Mapping[str, Kind]
 ) -> list[FittedCandidate]:
-    """Give labels that explain every piece of the records, but no record as a whole.
-
-    Where motion is chaotic no law can do more, be it the right one. None otherwise.
-    """
+    """Give labels that explain every piece of the records, but no record as a whole."""
+    # Where motion is chaotic no law can do more, be it the right one.
     if not named or named[0].fit.chi2_in_band <= LIMITS.far_off_chi2:
         return []
     found = [

@@ -30,13 +30,11 @@ def is_significant(
 
 
 def is_idle(named: FittedCandidate, kinds: Mapping[str, Kind]) -> bool:
-    """Whether a law does nothing, to within its error: its other numbers fit.
-
-    Where it has but one number, what it gained has to show in that. Where it has several, it is
-    near the end of its range where a simpler law does the same.
-    """
+    """Whether a law does nothing, to within its error: its other numbers fit."""
     kind = kinds[named.effect.kind]
     least = LIMITS.clear_sds if len(kind.parameters) == 1 else LIMITS.seen_sds
+    # The gain of a law of one parameter has to show in that. A law of several is near the end
+    # of its range where a simpler one does the same.
     which = kind.strength or _only(kind)
     name = ("effect", len(named.description.effects) - 1, which)
     return sds_of(named.fit, name, nothing_of(kind)) < least or _is_negligible_rider(
@@ -45,10 +43,8 @@ def is_idle(named: FittedCandidate, kinds: Mapping[str, Kind]) -> bool:
 
 
 def _is_negligible_rider(named: FittedCandidate, kind: Kind) -> bool:
-    """Whether a hidden mass is negligible beside its node, and swings without damping.
-
-    It does what a tone does, which any regular motion that is left looks like.
-    """
+    """Whether a hidden mass is negligible beside its node, and swings without damping."""
+    # It does what a tone does, which any regular motion that is left looks like.
     if not isinstance(kind.action, Hidden) or not kind.action.coordinates or not kind.scales:
         return False
     number = len(named.description.effects) - 1
@@ -60,10 +56,7 @@ def _is_negligible_rider(named: FittedCandidate, kind: Kind) -> bool:
 
 
 def sds_of_strength(fit: Fit, number: int, kind: Kind) -> float:
-    """How many standard deviations an effect is from nothing; endless where none is known.
-
-    Of its strength, or of what goes with that, the least.
-    """
+    """How many standard deviations an effect is from nothing; endless where none is known."""
     which = [kind.strength or _only(kind), *kind.scales]
     return min(sds_of(fit, ("effect", number, one), nothing_of(kind)) for one in which)
 

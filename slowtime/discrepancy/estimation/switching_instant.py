@@ -45,23 +45,9 @@ def refine_switching_instant(
     """Refit a law that switches once from a better instant of its switch, while there is one.
 
     The misfit has a minimum for every period by which the instant may be wrong. Where the fit
-    leaves less than `most`, the instant is sought in whole records.
-
-    Parameters
-    ----------
-    beat
-        Cost of another model [1]: where this one costs several times as much, whole records are
-        not searched.
-    most
-        Mean square in band [noise variances] below which they are.
-    which
-        Number of the effect that switches; the last where not given.
-    late
-        Once true, the fit is given as it is.
-
-    Returns
-    -------
-    The fit itself where the effect does not switch, or no instant is better.
+    leaves less than `most` [noise variances], the instant is sought in whole records, unless
+    the fit costs several times as much as another model (`beat`). `which` is the number of the
+    effect, the last where not given.
     """
     which = len(fit.plant.effects) - 1 if which is None else which
     action = kinds[fit.plant.effects[which].kind].action

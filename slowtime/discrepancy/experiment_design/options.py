@@ -42,11 +42,7 @@ Series = Float[np.ndarray, " time"]
 def experiment_options(
     description: Description, trials: Sequence[Trial]
 ) -> list[list[Experiment]]:
-    """List experiments that a rig allows, in classes of rising effort.
-
-    Other levels and waveforms of the excitation, or of a release where nothing drives; a later
-    repeat; more sensors; a measured force on a node.
-    """
+    """List experiments that a rig allows, in classes of rising effort."""
     if not any(trial.inputs.any() for trial in trials):
         return [_releases(), [*_later_repeats(trials), *_added_sensors(description, None)]]
     frequencies = undamped_modes(assemble(description)).frequency_hz
@@ -67,15 +63,7 @@ def experiment_options(
 def experiment_trial(option: Experiment, trial: Trial, description: Description) -> Trial:
     """Generate the inputs of an experiment, as strong as those that were measured.
 
-    Parameters
-    ----------
-    trial
-        Record whose inputs are repeated, or set the level.
-
-    Returns
-    -------
-    A record with these inputs in their units, and outputs of zero. A release has no inputs;
-    it is as long as the record.
+    Outputs are zero. A release has no inputs, and is as long as the record.
     """
     released = option.excitation == "release"
     count = len(trial.inputs)

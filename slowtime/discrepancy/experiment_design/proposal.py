@@ -63,8 +63,6 @@ class Prediction:
     outputs, slopes
         Outputs (time, sensor), and their sensitivities to free parameters and to the initial
         state, which is unknown.
-    noise
-        Standard deviation of each sensor, in its unit.
     """
 
     outputs: Series
@@ -76,13 +74,7 @@ class Prediction:
 def propose_experiment(
     rivals: Sequence[FittedCandidate], trials: Sequence[Trial], kinds: Mapping[str, Kind]
 ) -> Experiment | None:
-    """Choose the easiest experiment that separates rivals; None where none would.
-
-    Parameters
-    ----------
-    rivals
-        Fitted to the same trials, the likeliest first.
-    """
+    """Choose the easiest experiment that separates rivals; None where none would."""
     rivals = rivals[:MAX_RIVALS]
     if len(rivals) < 2:
         return None
@@ -125,12 +117,7 @@ def separations(
 ) -> list[float]:
     """Least separation among the first two rivals, the first three, and so on [nats].
 
-    Parameters
-    ----------
-    rivals
-        The likeliest first.
-    trials
-        Records so far; the strongest is repeated.
+    The strongest of the trials is repeated.
     """
     strongest = _strongest(trials)
     trial = trials[strongest]
@@ -176,14 +163,7 @@ def predict(
 ) -> Prediction | None:
     """Simulate an experiment with one rival; None where it diverges.
 
-    Parameters
-    ----------
-    trial
-        Record whose inputs act; its outputs are not used.
-    start_s
-        Campaign time of the experiment [s].
-    state0
-        State at its beginning; at rest where not given.
+    It begins at rest where no state is given, at the campaign time `start_s` [s].
     """
     plant, fit = _plant_of_rival(named, option, kinds), named.fit
     with np.errstate(all="ignore"):
@@ -221,13 +201,7 @@ def _stays_bounded(
 
 
 def separation(true: Prediction, other: Prediction) -> float:
-    """Give the expected log evidence of the true model over another [nats].
-
-    Parameters
-    ----------
-    true, other
-        Predictions of the same experiment.
-    """
+    """Give the expected log evidence of the true model over another [nats]."""
     if not (other.noise > 0).all() or not np.isfinite(other.slopes).all():
         return 0.0  # nothing moves, or a run grows beyond bounds: no experiment
     apart = ((true.outputs - other.outputs) / other.noise).ravel()

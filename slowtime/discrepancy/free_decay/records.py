@@ -82,12 +82,7 @@ def is_free_decay(trials: Sequence[Trial]) -> bool:
 
 
 def without_standstill(trial: Trial) -> Trial:
-    """Cut a free decay where it has come to rest: a still channel is not a faulty one there.
-
-    Returns
-    -------
-    The record up to its last change, or as it is where hardly any of it is at rest.
-    """
+    """Cut a free decay where it has come to rest: a still channel is not a faulty one there."""
     moving = np.flatnonzero((np.abs(_excursions(trial.measured)) > STILL_STEPS).any(axis=1))
     end = int(moving[-1]) + 2 if len(moving) else len(trial.outputs)
     resting = len(trial.outputs) - end
@@ -97,11 +92,9 @@ def without_standstill(trial: Trial) -> Trial:
 
 
 def without_tones(kinds: Mapping[str, Kind]) -> dict[str, Kind]:
-    """List the kinds that need no drive of their own.
-
-    A tone or a pulsation at the frequency of the decay follows it for as long as it lasts, and
-    imitates any law of its damping.
-    """
+    """List the kinds that need no drive of their own."""
+    # A tone or a pulsation at the frequency of the decay follows it for as long as it lasts,
+    # and imitates any law of its damping.
     return {name: kind for name, kind in kinds.items() if kind.quadrature is None}
 
 
@@ -134,11 +127,9 @@ def _decays(trial: Trial) -> bool:
 
 
 def _dies_down(trial: Trial) -> bool:
-    """Whether the strength of a record falls from part to part, down to its noise.
-
-    Peaks of several modes beat, and those of a one-sided spring alternate; the strength of
-    long parts falls all the same.
-    """
+    """Whether the strength of a record falls from part to part, down to its noise."""
+    # Peaks of several modes beat, and those of a one-sided spring alternate; the strength of
+    # long parts falls all the same.
     size = np.std(trial.measured, axis=0)
     moved = trial.measured[:, size > 0] / size[size > 0]
     if moved.shape[1] == 0 or len(moved) < MANY_PARTS * MIN_PART_SAMPLES:
@@ -151,11 +142,9 @@ def _dies_down(trial: Trial) -> bool:
 
 
 def _rings_on(trial: Trial) -> bool:
-    """Whether the loudest sensor tells one sinusoid that falls, and white noise.
-
-    Peaks of a weakly damped decay fall by less than their noise. Of six hundred responses of
-    one mode to random forces, 0.02 to 1 time constants long, none leaves a white residual.
-    """
+    """Whether the loudest sensor tells one sinusoid that falls, and white noise."""
+    # Peaks of a weakly damped decay fall by less than their noise. Of six hundred responses of
+    # one mode to random forces, 0.02 to 1 time constants long, none leaves a white residual.
     loud = int(np.argmax(np.std(trial.measured, axis=0)))
     series = trial.measured[:, loud]
     if len(series) < MIN_SAMPLES or not np.isfinite(series).all() or not np.ptp(series):

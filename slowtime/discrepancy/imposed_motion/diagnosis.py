@@ -64,10 +64,6 @@ class _Chosen:
 
     Parameters
     ----------
-    models, shares
-        All that were compared, and their probabilities.
-    steps
-        Fits without a law, with the first, and so on.
     errors
         Of each step on the records judged, over the scatter of the force.
     rest

@@ -31,15 +31,8 @@ def deciding_experiment(
 ) -> Experiment | None:
     """Propose the imposed motion along which rival laws differ most.
 
-    Parameters
-    ----------
-    rest
-        What the best leaves, over the scatter of the force.
-
-    Returns
-    -------
-    The motion with the greatest gain of log evidence between the two rivals that it separates
-    least; None where there are no two rivals.
+    It has the greatest gain of log evidence between the two rivals that it separates least;
+    None without two rivals. `rest` is what the best leaves, over the scatter of the force.
     """
     if len(fits) < 2:
         return None

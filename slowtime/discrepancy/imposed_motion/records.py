@@ -36,8 +36,6 @@ class ForceRecord:
 
     Parameters
     ----------
-    motion
-        Elongation [m], rate [m/s] and acceleration [m/s²] of the element.
     force
         Measured force (time,) [N], less the inertia of the node.
     """
@@ -83,11 +81,9 @@ class ImposedRig:
 def rig_of(description: Description) -> ImposedRig | None:
     """Return the rig of a model that may be one of imposed motion.
 
-    Returns
-    -------
-    The rig; None where the model has more than one node, no spring to the base, or inputs other
-    than one force on the node (with a displacement sensor) or one motion imposed on it (with a
-    force sensor).
+    None where the model has more than one node, no spring to the base, or inputs other than one
+    force on the node (with a displacement sensor) or one motion imposed on it (with a force
+    sensor).
     """
     if len(description.nodes) != 1 or len(description.elements) != 1:
         return None
@@ -132,11 +128,7 @@ def _column(sensors: Sequence[Sensor], quantity: str) -> int | None:
 def force_record(rig: ImposedRig, trial: Trial) -> ForceRecord:
     """Differentiate the measured motion, and take the inertia off the measured force.
 
-    Parameters
-    ----------
-    trial
-        Record with the force and the motion of the node, in SI units. Samples of an output that
-        are not finite are interpolated.
+    Samples of an output that are not finite are interpolated; units are SI.
     """
     told = rig.factors[1] * trial.outputs[:, rig.sensor]
     numbers, kept = np.arange(len(told)), np.isfinite(told)
@@ -171,8 +163,6 @@ def clock_errors(
 
     Parameters
     ----------
-    trial
-        Record with force and motion, read with some rate.
     clocks
         Factors q of that rate [1].
     """
@@ -214,12 +204,10 @@ def _window(e: Float[np.ndarray, " time"]) -> int:
 
 
 def is_imposed(description: Description, trials: Sequence[Trial]) -> bool:
-    """Return whether the inertia of a model is negligible in all of its records.
-
-    The motion is then imposed: a free run under the measured force would have no inertia to
-    integrate, and the law follows from force and motion directly. So it does where the motion
-    is the input.
-    """
+    """Return whether the inertia of a model is negligible in all of its records."""
+    # The motion is then imposed: a free run under the measured force would have no inertia to
+    # integrate, and the law follows from force and motion directly. So it does where the motion
+    # is the input.
     rig = rig_of(description)
     if rig is None or any(len(trial.outputs) < 2 * MIN_WINDOW for trial in trials):
         return False

@@ -86,8 +86,6 @@ class ForceFit:
         Stiffness [N/m], damping [N s/m] and a constant force [N].
     constants_sd
         Their standard deviations, by the independent samples; zeros of a fit to a part.
-    sds
-        Standard deviations of the fitted parameters of each effect, by name.
     centre, centre_sd
         Elongation at which laws of elongation have their middle, and its standard deviation
         [m].
@@ -114,12 +112,7 @@ class ForceFit:
 def log_evidence(fit: ForceFit, left: float, count: float) -> float:
     """Return Schwarz's criterion, with the variance of the noise maximised out [nats].
 
-    Parameters
-    ----------
-    left
-        Root mean square that it leaves of samples which it was not fitted to [N].
-    count
-        Independent samples of these, the same for all fits that are compared.
+    `left` are samples [N] that it was not fitted to, of which `count` are independent.
     """
     square = max(left**2, np.finfo(float).tiny)
     return -count / 2 * math.log(square) - fit.pulls / 2 - fit.numbers / 2 * math.log(count)
@@ -132,11 +125,6 @@ def independent_samples(left: Series) -> float:
 
     The sum is over all lags with a correlation above chance: what returns each cycle is the
     error of a law, however many cycles were recorded.
-
-    Parameters
-    ----------
-    left
-        Residuals of all records, one after the other [N].
 
     References
     ----------
@@ -208,12 +196,7 @@ class ForceRegression:
         return force
 
     def with_one_more(self, fit: ForceFit, starts: Sequence[Effect]) -> ForceFit | None:
-        """Fit a law beside those of a fit, from several starts.
-
-        Returns
-        -------
-        The best; None where there is none.
-        """
+        """Fit a law beside those of a fit, from several starts; None where all fail."""
         found = [
             one
             for start in starts
@@ -222,14 +205,12 @@ class ForceRegression:
         return min(found, key=lambda one: one.rms, default=None)
 
     def is_at_bound(self, fit: ForceFit) -> bool:
-        """Whether a parameter of the last law of a fit stands at an end of its range.
-
-        Zero is none: it is where a part of the law is absent.
-        """
+        """Whether a parameter of the last law of a fit stands at an end of its range."""
         effect = fit.effects[-1]
         for parameter in self.kinds[effect.kind].parameters:
             value = effect.parameters[parameter.name]
             for end in (parameter.low, parameter.high):
+                # Zero is no bound: it is where a part of the law is absent.
                 near = abs(value - end) < AT_BOUND * max(abs(end), np.finfo(float).tiny)
                 if parameter.fitted and end != 0 and math.isfinite(end) and near:
                     return True
@@ -244,19 +225,8 @@ class ForceRegression:
     ) -> ForceFit | None:
         """Fit all parameters of effects, with the constants eliminated linearly.
 
-        Parameters
-        ----------
-        centre
-            Elongation of the middle to start from [m].
-        kept
-            Samples to fit; all that tell something where not given.
-        level
-            What a fit from here is known to leave [N]: it is not fitted twice, and tells no
-            standard deviations.
-
-        Returns
-        -------
-        The fit; None where it has no finite force.
+        It starts from the elongation `centre` [m]. A fit that is known to leave `level` [N] is
+        not made twice, and tells no standard deviations. None where it has no finite force.
         """
         problem = _LeastSquares(
             self, effects, centre, self.used if kept is None else kept & self.used
@@ -287,12 +257,7 @@ class ForceRegression:
         )
 
     def starts(self, fit: ForceFit, kind: Kind, count: int) -> tuple[float, list[Effect]]:
-        """List shapes of a law that explain most of what a fit leaves.
-
-        Returns
-        -------
-        Sum of squares that the best leaves without a fit [N²], and the `count` best.
-        """
+        """List the `count` best shapes of a law, and the squares [N²] that the first leaves."""
         rows = np.flatnonzero(self.used)
         rows = rows[:: max(len(rows) // ROUGH_SAMPLES, 1)]
         shapes = list(kind.shapes(self.motion())) or [{}]
@@ -537,16 +502,14 @@ def _force(
 
 
 def _finer(motion: Motion, step_m: float) -> tuple[int, Motion]:
-    """Return how many steps a sample has, and the motion at all of them.
-
-    Between samples, elongation is the cubic through its values and rates.
-    """
+    """Return how many steps a sample has, and the motion at all of them."""
     path = float(np.abs(np.diff(motion.e)).max())
     many = max(math.ceil(path / max(step_m, np.finfo(float).tiny)), 1)
     if many == 1:
         return 1, motion
     numbers = np.arange((len(motion.e) - 1) * many + 1) / many
     times = np.interp(numbers, np.arange(len(motion.e)), motion.times)
+    # Between samples, elongation is the cubic through its values and rates.
     cubic = scipy.interpolate.CubicHermiteSpline(motion.times, motion.e, motion.v)
     rate = scipy.interpolate.CubicHermiteSpline(motion.times, motion.v, motion.a)
     finer = Motion(e=cubic(times), v=rate(times), a=rate(times, 1), times=times)
@@ -554,13 +517,7 @@ def _finer(motion: Motion, step_m: float) -> tuple[int, Motion]:
 
 
 def applicable_kinds(kinds: Mapping[str, Kind], description: Description) -> list[Kind]:
-    """List laws of elements that depend on motion alone, neither on time nor on tones.
-
-    Parameters
-    ----------
-    description
-        Model of the campaign: laws of angles need one of angles.
-    """
+    """List laws of elements that depend on motion alone, neither on time nor on tones."""
     (element,) = description.elements
     place = Place("element", element.id)
     return [

@@ -65,8 +65,6 @@ class ForceModel:
 
     Parameters
     ----------
-    fit
-        To all samples.
     validated
         Residuals of cross-validation, of the samples that tell something [N].
     """
@@ -93,8 +91,6 @@ class LawComparison:
     ----------
     models
         The one without laws first.
-    scores
-        Log evidence of each [nats].
     parents
         Place among the models of the one with a law less that is kept in its stead, or its own.
     """

@@ -37,16 +37,14 @@ double change no answer."""
 
 
 def informative(motion: Motion) -> Bool[np.ndarray, " time"]:
-    """Return the samples that tell something of the law; all, if they were less than a third.
-
-    None do in standstills, up to `FORGOTTEN_PATH` after the first move, and next to a reversal,
-    where the sign of the rate is within its error and friction jumps.
-    """
+    """Return the samples that tell something of the law; all if they are under a third."""
     span = float(np.ptp(motion.e))
     moving = ~_still(motion.e)
     path = np.cumsum(np.abs(np.diff(motion.e, prepend=motion.e[0])) * moving)
     way = np.sign(np.pad(motion.v, 1, mode="edge"))
     turns = (way[:-2] != way[1:-1]) | (way[1:-1] != way[2:])
+    # Next to a reversal, the sign of the rate is within its error and friction jumps. Until
+    # `FORGOTTEN_PATH` after the first move, memory is that of a motion before the record.
     kept = moving & (path >= FORGOTTEN_PATH * span) & ~turns
     if 3 * np.count_nonzero(kept) < len(kept):
         return np.ones(len(kept), dtype=bool)

@@ -67,10 +67,6 @@ class BandModes:
     ----------
     squares
         Squared circular frequencies [rad^2/s^2].
-    shapes
-        Orthonormal in the mass.
-    kept
-        Number of the first modes that are kept.
     exact_square
         Squared circular frequency at which residual shapes are exact.
     """
@@ -92,12 +88,7 @@ class BandModes:
     def basis(self, points: Sequence[str], loads: Shapes) -> Basis:
         """Make a basis whose first coordinates are the motions of some points.
 
-        Parameters
-        ----------
-        points
-            Names of the coordinates to keep, each once.
-        loads
-            Further forces on the coordinates whose residual shapes are kept.
+        Of further forces on the coordinates (`loads`), residual shapes are kept.
         """
         rows = [self.structure.dof(name) for name in points]
         forces = np.hstack([np.eye(self.structure.dofs)[:, rows], loads])

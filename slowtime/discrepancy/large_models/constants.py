@@ -45,8 +45,6 @@ class Directions:
 
     Parameters
     ----------
-    constants
-        The constants that they combine.
     mixture
         Change of each constant in units of its tolerance, by direction; orthonormal.
     """
@@ -73,14 +71,7 @@ def main_directions(
 ) -> dict[str, Directions]:
     """Find the combinations of constants that records tell from noise, by kind of constant.
 
-    Parameters
-    ----------
-    solver
-        Linearised about a run of the reduced model.
-    basis, description
-        Of the large model.
-    kept
-        Elements and nodes whose constants are left out.
+    Constants of the elements and nodes `kept` are left out.
     """
     parts = parameter_matrices(description)
     structure = assemble(description)

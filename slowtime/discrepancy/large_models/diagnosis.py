@@ -62,11 +62,6 @@ def reduce_for(
 ) -> ReducedModel:
     """Reduce a model to what its records show, with the places where something may be missing.
 
-    Parameters
-    ----------
-    tell
-        Told the stages.
-
     Raises
     ------
     ValueError
@@ -94,11 +89,9 @@ def reduce_for(
 
 
 def fit_constants(reduced: ReducedModel, plant: Plant, trials: Sequence[Trial]) -> Fit:
-    """Fit a plant of the reduced description from its constants as claimed, and as fitted.
-
-    Where resonances are off by their widths, a fit may end far from the optimum: of two starts
-    the one that ends at less is taken.
-    """
+    """Fit a plant of the reduced description from its constants as claimed, and as fitted."""
+    # Where resonances are off by their widths, a fit may end far from the optimum: of two
+    # starts the one that ends at less is taken.
     first = refit(plant, trials)
     if not reduced.fitted:
         return first
@@ -153,10 +146,7 @@ def enlarge(
 ) -> Diagnosis:
     """Tell a diagnosis of a reduced model as one of the large model.
 
-    Parameters
-    ----------
-    trial
-        Record on which the large model, with what was found, is compared with the reduced one.
+    Its traces are those of the large model, with what was found.
     """
     augmented = reduced.enlarged(answer.augmented)
     off = _truncation_share(answer.augmented, augmented, trial, kinds)

@@ -43,8 +43,6 @@ class Kept:
 
     Parameters
     ----------
-    elements
-        Names of springs.
     nodes
         Names of nodes, beside those of sensors, inputs, effects and these elements.
     joints
@@ -64,8 +62,6 @@ class ReducedModel:
     ----------
     basis
         Motion of the large model's coordinates, by those of the reduced one.
-    directions
-        Of the constants, by their kind.
     fitted
         Constants of the large model where a fit of them ended.
     """
@@ -148,15 +144,7 @@ def reduce_model(
     directions: Mapping[str, Directions],
     kept: Kept = Kept(),
 ) -> ReducedModel:
-    """Reduce a model to its band, the points that are kept, and main directions.
-
-    Parameters
-    ----------
-    modes
-        Of the large model, with the band of the inputs.
-    directions
-        Of constants that are not those of kept parts.
-    """
+    """Reduce a model to its band, the points that are kept, and main directions."""
     points = kept_points(large, kept)
     linear = LinearModel.of(large)
     driven = any(entry.kind in BASE_KINDS for entry in large.inputs)

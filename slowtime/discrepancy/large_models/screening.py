@@ -41,15 +41,7 @@ def likeliest_parts(
     large: Description,
     basis: Basis,
 ) -> Kept:
-    """Choose the parts of a large model that a search is to be given.
-
-    Parameters
-    ----------
-    claimed, fitted
-        Linearised about runs of the reduced model, with its constants as claimed and fitted.
-    basis
-        Of the reduced model.
-    """
+    """Choose the parts of a large model that a search is to be given."""
     names, ends = _pairs(large)
     flexibility = np.zeros((len(names) - 1,) * 2)
     rows = [large.dofs.index(name) for name in names[:-1]]

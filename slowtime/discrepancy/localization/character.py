@@ -68,10 +68,6 @@ class Character:
 
     Parameters
     ----------
-    times_s
-        Campaign times between which it acts [s]; empty where it does so throughout.
-    bands_hz
-        Bands in which it exceeds its noise [Hz].
     elongation, rate
         Motion along the place while it acts [m], [m/s]; of sensors and inputs, the reading.
     onset
@@ -80,8 +76,6 @@ class Character:
     linear_share
         Share of the force's power that one linear filter of the motion gives, the same in all
         trials.
-    linear
-        Whether that is all of it.
     static_share
         Share of the force's power that one surface over elongation and rate gives (restoring
         force surface).
@@ -117,19 +111,7 @@ class Character:
     heights_s: tuple[float, ...]
 
     def amplitude(self, of: str, coordinate: str) -> str:
-        """Motion while the force acts, in words.
-
-        Parameters
-        ----------
-        of
-            Motion that is meant: "an elongation" or "a displacement".
-        coordinate
-            Its unit: "m" or "rad".
-
-        Returns
-        -------
-        A sentence; empty where nothing moves while the force acts.
-        """
+        """State the motion while the force acts; empty where nothing moves."""
         ranges = ((of, self.elongation, coordinate), ("a rate", self.rate, f"{coordinate}/s"))
         words = [
             f"{name} of {motion.rms:.3g} {unit} rms, {motion.peak:.3g} {unit} at most"
@@ -144,11 +126,6 @@ class Character:
 
 def characterise(located: Localization, place: Place) -> Character:
     """Describe the force at a place.
-
-    Parameters
-    ----------
-    located
-        Result of `locate`.
 
     References
     ----------

@@ -77,10 +77,8 @@ PerLine = Float[np.ndarray, " frequency"]
 class WhitenedColumns:
     """Regressors and residual in units of the noise, and their inner products.
 
-    Parameters
-    ----------
-    columns
-        Constants first, then free decays, the residual last (frequency, sensor, column).
+    Columns (frequency, sensor, column) are those of the constants, of free decays, and the
+    residual.
     """
 
     columns: Columns
@@ -95,15 +93,7 @@ class WhitenedColumns:
         base: Complex[np.ndarray, " frequency"],
         residual: Lines,
     ) -> "WhitenedColumns":
-        """Whiten the effects of constants along a motion, free decays and a residual.
-
-        Parameters
-        ----------
-        motion, base
-            Motion of the coordinates, and acceleration of the base [m/s^2].
-        residual
-            Spectrum (frequency, sensor).
-        """
+        """Whiten the effects of constants along a motion, free decays and a residual."""
         constants = len(known.sd)
         both = np.empty((*residual.shape, constants + tuned.decays.shape[2] + 1), complex)
         both[:, :, :constants] = tuned.columns(known, motion, base)
@@ -131,8 +121,6 @@ class TrialForce:
     ----------
     variance
         :math:`s` at each line.
-    mean, posterior_variance
-        Posterior mean and variance of the force at each line.
     signal
         :math:`g^H N^{-1} g`: the force's signal-to-noise ratio per unit of variance.
     """
@@ -163,16 +151,10 @@ class Explanation:
 
     Parameters
     ----------
-    source
-        The place; None for no force at all.
     likelihood
         Log likelihood with constants and initial states at their maximum.
-    constants
-        Relative change of each against the reference.
     linear
         The reference with its constants changed up to the last round, for the free decays.
-    forces
-        Posterior of the force, by trial.
     shifts
         Displacement, velocity and acceleration of all coordinates that force and constants add
         to the reference's run, without initial states; by trial.
@@ -187,13 +169,7 @@ class Explanation:
 
 
 class LatentForceSolver:
-    """Estimates an unknown force at one place after another, for the same residuals.
-
-    Parameters
-    ----------
-    trials
-        Spectra and noise of all trials.
-    """
+    """Estimates an unknown force at one place after another, for the same residuals."""
 
     def __init__(
         self, linear: LinearModel, known: LinearConstants, trials: tuple[TrialLines, ...]
@@ -210,10 +186,8 @@ class LatentForceSolver:
 
     @functools.cached_property
     def tables(self) -> list[Complex[np.ndarray, "dof frequency column"]]:
-        """Products of the columns with a unit force on each coordinate; none if they are many.
-
-        Before the first step they are the same for all places.
-        """
+        """Products of the columns with a unit force by coordinate; none if they are many."""
+        # Before the first step they are the same for all places.
         size = sum(
             white.columns.size * len(self.linear.structure.names) for white in self.white
         )
@@ -232,10 +206,8 @@ class LatentForceSolver:
         return self.iterate(source, rounds=rounds).explained
 
     def iterate(self, source: ForceSource | None, *, rounds: int) -> "PlaceEstimate":
-        """Maximise the likelihood of a force at one place; its posterior is computed on demand.
-
-        The likeliest of all rounds is given; they end where the motion grows beyond bounds.
-        """
+        """Maximise the likelihood of a force at one place; its posterior is lazy."""
+        # The likeliest of all rounds is given; they end where the motion grows beyond bounds.
         place = _PlaceIteration(self, source)
         best = place.step()
         found = best
@@ -261,18 +233,8 @@ class LatentForceSolver:
     ) -> tuple[Constants, list[Float[np.ndarray, " state"]], float]:
         """Solve for constants and initial states by least squares, given the force's variance.
 
-        Parameters
-        ----------
-        whites
-            Whitened columns of each trial.
-        alongs
-            Products of the columns with a unit force, line by line.
-        variances
-            Of the force, line by line.
-
-        Returns
-        -------
-        The further change, the initial state of each trial, and the log likelihood.
+        `alongs` are products of the whitened columns with a unit force, line by line. Gives the
+        further change, the initial state of each trial, and the log likelihood.
         """
         constants = len(self.known.sd)
         states = whites[0].columns.shape[2] - 1 - constants
@@ -507,10 +469,8 @@ def _capped_variances(
     signals: Sequence[PerLine],
     variances: Sequence[PerLine],
 ) -> list[PerLine]:
-    """Bound variances by a multiple of that in the band which determines the force best.
-
-    That band is looked for in all trials: in one without any force it would be one of noise.
-    """
+    """Bound variances by a multiple of that in the band which determines the force best."""
+    # That band is looked for in all trials: in one without any force it would be one of noise.
     best = 0.0, math.inf
     for trial, one, signal, variance in zip(trials, seen, signals, variances, strict=True):
         rise = 1 + variance * signal

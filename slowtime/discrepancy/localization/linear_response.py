@@ -73,8 +73,6 @@ class LinearModel:
     ----------
     rows
         Coordinate that each sensor reads, relative to the base.
-    absolute
-        1 for sensors in space, 0 for those relative to the base.
     """
 
     description: Description
@@ -93,13 +91,7 @@ class LinearModel:
     def of_plant(cls, plant: Plant, values: Float[np.ndarray, " parameter"]) -> "LinearModel":
         """Take the linear part of a plant, with what its effects add to it.
 
-        Hidden coordinates of effects come after those of the description; a factor of a sensor
-        multiplies its scale.
-
-        Parameters
-        ----------
-        values
-            Of all its constants.
+        Hidden coordinates of effects come after those of the description.
         """
         named = dict(zip(plant.parameters, values.tolist(), strict=True))
         kinds = [plant.kinds[effect.kind] for effect in plant.effects]
@@ -175,13 +167,11 @@ class LinearModel:
     def steady_response(
         self, frequency_hz: Frequencies, modes: StateModes | None
     ) -> SteadyResponse:
-        """Displacement per force as a sum of modes (`state_modes`); by inverses without them.
-
-        It is zero at 0 Hz where rigid modes make it infinite.
-        """
+        """Displacement per force, by modes (`state_modes`) or by inverses without them."""
         if modes is None:
             return DenseResponse(self.compliance(frequency_hz))
         apart = np.subtract.outer(2j * np.pi * frequency_hz, modes.poles)
+        # It is zero at 0 Hz where rigid modes make it infinite.
         held = self._held(frequency_hz)
         if not apart[held > 0].all():
             return DenseResponse(self.compliance(frequency_hz))
@@ -237,15 +227,7 @@ class LinearModel:
         rate_hz: float,
         modes: StateModes | None = None,
     ) -> FreeDecaySpectra:
-        r"""Spectra of free decays in closed form: :math:`(I - E^N)(I - E z^{-1})^{-1}`.
-
-        Parameters
-        ----------
-        frequency_hz
-            Frequencies of the lines [Hz].
-        modes
-            Of this model, by `state_modes`; None to solve line by line.
-        """
+        r"""Spectra of free decays in closed form: :math:`(I - E^N)(I - E z^{-1})^{-1}`."""
         back = np.exp(-2j * np.pi * frequency_hz / rate_hz)
         scale = np.full(len(frequency_hz), np.sqrt(2.0 / (rate_hz * samples)))
         scale[frequency_hz == 0] /= np.sqrt(2.0)
@@ -379,12 +361,10 @@ def _powers_of_state(
 def support_columns(
     description: Description,
 ) -> dict[tuple[str, str], Float[np.ndarray, "dof moved"]]:
-    """Give the force on each coordinate per motion of each support, by name of the constant.
-
-    Signs are those of the stiffness matrix: a spring of stiffness k has -k here.
-    """
+    """Give the force on each coordinate per motion of each support, by name of the constant."""
     rows = {name: row for row, name in enumerate(description.dofs)}
     moved = description.moved
+    # Signs are those of the stiffness matrix: a spring of stiffness k has -k here.
     found: dict[tuple[str, str], Float[np.ndarray, "dof moved"]] = {}
     for part in description.elements:
         if not isinstance(part, Spring):

@@ -33,8 +33,6 @@ class PointShapes:
 
     Parameters
     ----------
-    shapes
-        Displacement of each point by the coordinates.
     flexibility
         Displacements [m/N] by forces on the points that the coordinates lack.
     """
@@ -55,10 +53,7 @@ def free_force_gains(
 ) -> Float[np.ndarray, " pair"]:
     """Log likelihood [nats] that a free force between each pair of points gains.
 
-    Parameters
-    ----------
-    ends
-        Numbers of the points; that of the ground is behind all others.
+    The ground has the number behind all others.
     """
     found = np.zeros(len(ends))
     still = np.zeros((1, points.shapes.shape[1]))

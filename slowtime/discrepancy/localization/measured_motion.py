@@ -43,15 +43,8 @@ DofForces = Complex[np.ndarray, "frequency dof"]
 def measured_motion(fit: Fit, trials: Sequence[Trial]) -> Localization | None:
     """Recover the motion with a force on every coordinate, and the force at each place alone.
 
-    Parameters
-    ----------
-    fit
-        Of the reference, as in `locate`.
-
-    Returns
-    -------
-    Every place of the structure, its sensors and inputs in a group of its own, all with the
-    same motion; None where sensors are fewer than coordinates, or samples are missing.
+    Every place of the structure, its sensors and inputs is a group of its own, all with the
+    same motion. None where sensors are fewer than coordinates, or samples are missing.
     """
     records = tuple(trials)
     if not all(trial.used.all() for trial in records):

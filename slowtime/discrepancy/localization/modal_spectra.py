@@ -21,12 +21,8 @@ Readings = Complex[np.ndarray, "frequency sensor state"]
 class StateModes:
     """Modes of the state (displacements, velocities) of a linear model.
 
-    Parameters
-    ----------
-    poles
-        [rad/s].
-    pushed
-        Modal coordinates that a unit force on each coordinate pushes.
+    Poles are in rad/s; `pushed` are the modal coordinates that a unit force on each coordinate
+    pushes.
     """
 
     poles: Complex[np.ndarray, " mode"]
@@ -41,12 +37,8 @@ class ModalResponse:
 
     Parameters
     ----------
-    shapes
-        Displacements of each mode.
     gains
         Modal coordinate per modal force, line by line [s].
-    pushed
-        Modal force of a unit force on each coordinate.
     """
 
     shapes: Complex[np.ndarray, "dof mode"]
@@ -91,9 +83,6 @@ class ModalDecays:
 
     Parameters
     ----------
-    to_motion, to_readings
-        Displacements, velocities and accelerations of all coordinates, and readings of the
-        sensors, from a state.
     gains
         Spectrum of each mode of unit amplitude.
     starts
@@ -121,13 +110,8 @@ class ModalDecays:
 class DenseDecays:
     """Free decays as one matrix for each line.
 
-    Parameters
-    ----------
-    to_motion, to_readings
-        Displacements, velocities and accelerations of all coordinates, and readings of the
-        sensors, from a state.
-    states
-        State at each line, from each unit initial state.
+    Matrices lead from a state to motion and readings; `states` are by line and unit initial
+    state.
     """
 
     to_motion: Float[np.ndarray, "all state"]

@@ -26,13 +26,7 @@ def noise_log_likelihood(trials: tuple[TrialLines, ...]) -> float:
 def update_noise(
     fit: Fit, records: tuple[Trial, ...], trials: tuple[TrialLines, ...], found: Explanation
 ) -> tuple[TrialLines, ...]:
-    """Estimate the noise from what a force leaves, and from the residual above its band.
-
-    Parameters
-    ----------
-    trials
-        Their lines in the band where the force was estimated.
-    """
+    """Estimate the noise from what a force leaves, and from the residual above its band."""
     powers = []
     for record, residual, trial, force in zip(
         records, fit.residual, trials, found.forces, strict=True

@@ -64,16 +64,13 @@ def likely_pairs(
     most: int,
     points: PointShapes | None = None,
 ) -> list[NodePair]:
-    """Choose the pairs of points between which something is likeliest missing.
-
-    Those that gain most alone, by a link of any size and by a small one, and those that gain
-    most beside the best: where two are missing, neighbours of the stronger one gain more than
-    the weaker one does alone.
-    """
+    """Choose the pairs of points between which something is likeliest missing."""
     solver, _, _ = linearise(fit, tuple(trials))
     screening = PairScreening(solver, pairs, points)
     small = _falling(screening.gains())
     alone = _falling(screening.exact_gains(small[:MOST_PROFILES]))
+    # Where two links are missing, neighbours of the stronger one gain more than the weaker one
+    # does alone.
     beside = _falling(screening.gains(alone[0]))
     in_turn = itertools.chain.from_iterable(zip(alone, small, beside, strict=True))
     chosen = itertools.islice(dict.fromkeys(in_turn), most)
@@ -125,13 +122,7 @@ class PairScreening:
         self._rest = self._whole - np.einsum("pau,pbu->pab", self._cross, self._taken)
 
     def gains(self, beside: int | None = None) -> Float[np.ndarray, " pair"]:
-        """Log likelihood [nats] that a spring, a damper and a mass together gain.
-
-        Parameters
-        ----------
-        beside
-            Number of a pair that has all three already.
-        """
+        """Log likelihood [nats] that a spring, a damper and a mass together gain."""
         slope, rest = self._slope, self._rest
         if beside is not None:
             both = self._products_with(beside)
@@ -208,14 +199,10 @@ class _Link:
 
     Parameters
     ----------
-    elongation
-        With its derivatives (frequency, order).
     compliance
         Elongation by a unit force that resists it, with its derivatives.
     seen, signal
         Products of the readings of a unit force with the residual and with themselves.
-    along
-        The same with the columns of constants and initial states.
     """
 
     elongation: Complex[np.ndarray, "frequency order"]

@@ -30,8 +30,6 @@ class LinearConstants:
     ----------
     matrices
         Contribution of each to stiffness, damping or mass; the last columns are of supports.
-    orders
-        0 for stiffness, 1 for damping, 2 for mass.
     reference_change
         Difference of the reference from nominal, relative to the reference.
     """
@@ -85,10 +83,6 @@ class PerturbedReference:
 
     Parameters
     ----------
-    response
-        Displacement per force.
-    sensed
-        Reading of the sensors per force on each coordinate.
     free, decays
         Free decays, and their readings from each unit initial state.
     shift
@@ -203,14 +197,8 @@ def absolute_motion(
 ) -> Complex[np.ndarray, "order frequency seen"]:
     """Motion that internal and inertial forces depend on: acceleration is absolute.
 
-    Parameters
-    ----------
-    motion
-        Against the base (order, frequency, dof).
-    base
-        Acceleration of the base [m/s^2].
-    supports
-        Motion of supports against the base, which is put behind that of the coordinates.
+    The base's acceleration is in m/s^2; motion of supports is put behind that of the
+    coordinates.
     """
     influence = linear.structure.influence
     if influence is not None:

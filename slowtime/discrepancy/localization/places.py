@@ -53,10 +53,6 @@ class PlaceGroup:
 
     Parameters
     ----------
-    score
-        Gain of log likelihood by one unknown force there, over none.
-    p_value
-        Probability of such a gain, here or anywhere, where nothing is missing.
     share
         Share of the residual power beyond the noise that the force explains.
     left
@@ -84,14 +80,8 @@ class Localization:
 
     Parameters
     ----------
-    groups
-        The likeliest first.
-    trials, lines
-        Records, and their spectra with the last estimate of the noise.
     runs
         Displacement, velocity, acceleration of the reference in each trial.
-    outer
-        Motion of base and supports in each trial.
     nominal, tolerance
         Prior mean and standard deviation of the free linear constants, in their units.
     log_likelihood
@@ -111,10 +101,8 @@ class Localization:
     log_likelihood: float
 
     def with_base_first(self) -> "Localization":
-        """Put the base before a place whose transfer is parallel to its own.
-
-        Their order is otherwise decided by the smoothness of the force spectra alone.
-        """
+        """Put the base before a place whose transfer is parallel to its own."""
+        # Their order is otherwise decided by the smoothness of the force spectra alone.
         first = self.groups[0]
         for group in self.groups[1:]:
             if any(p.kind == "base" and p in first.twins for p in group.places):
@@ -146,13 +134,7 @@ class Localization:
         return self.groups[0].p_value
 
     def group(self, place: Place) -> PlaceGroup:
-        """Find the group that holds a place.
-
-        Raises
-        ------
-        ValueError
-            Where the place was not tried.
-        """
+        """Find the group that holds a place."""
         for group in self.groups:
             if place in group.places:
                 return group

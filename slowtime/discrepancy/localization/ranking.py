@@ -69,18 +69,7 @@ def locate(
 
     The force is random, of any strength in every band of every trial; constants may move within
     their tolerance, and the noise is estimated again from what the likeliest force leaves.
-
-    Parameters
-    ----------
-    fit
-        Of the reference: a linear model, or an augmented one. Linear effects take part in the
-        responses; others are kept as in the reference's run.
-    among
-        Places to try; all where not given.
-
-    Returns
-    -------
-    The places, the likeliest first, with force and motion at each.
+    Linear effects of the reference take part in the responses; others are kept as in its run.
     """
     first, runs, outer = linearise(fit, tuple(trials))
     records, linear = tuple(trials), first.linear

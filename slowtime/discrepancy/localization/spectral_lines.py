@@ -26,15 +26,7 @@ MotionSpectra = Complex[np.ndarray, "order frequency dof"]
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class OuterMotion:
-    """Motion that inputs impose in one trial.
-
-    Parameters
-    ----------
-    base
-        Acceleration of the base [m/s^2].
-    supports
-        Displacement, velocity, acceleration of supports and driven nodes against it.
-    """
+    """Motion that inputs impose in one trial."""
 
     base: Float[np.ndarray, " time"]
     supports: Float[np.ndarray, "order time moved"]
@@ -52,13 +44,6 @@ class TrialLines:
         Number of the band of each line; that at 0 has one of its own.
     noise
         Density times the share of samples that are used [unit²/Hz].
-    residual
-        Spectrum of the residual of the reference (frequency, sensor).
-    motion
-        Displacement, velocity, acceleration of every degree of freedom in the reference run,
-        relative to the base.
-    base
-        Measured acceleration of the base [m/s^2].
     supports
         Motion of supports and driven nodes as that of the coordinates; None where there are
         none.
@@ -114,20 +99,9 @@ def trial_lines(
 ) -> TrialLines:
     """Transform a trial.
 
-    Parameters
-    ----------
-    residual
-        Of the reference (time, sensor); zero where a sample is not used.
-    motion
-        Displacement, velocity, acceleration of the coordinates in the reference's run.
-    noise
-        Of all trials.
-    number
-        Of the trial in `noise`.
-    top_hz
-        Highest frequency of the lines that are kept [Hz].
-    outer
-        Motion of base and supports; that of base accelerations alone where not given.
+    Lines up to `top_hz` are kept. The residual is that of the reference, and zero where a
+    sample is not used; base accelerations alone move what stands still where `outer` is not
+    given.
     """
     count = len(residual)
     frequency, spectrum = transform(residual, trial.rate_hz)

@@ -56,11 +56,6 @@ class Colour:
     def density(self, frequency_hz: Frequencies) -> Frequencies:
         """One-sided density [unit²/Hz] at frequencies.
 
-        Parameters
-        ----------
-        frequency_hz
-            Frequencies [Hz], of any shape.
-
         Examples
         --------
         >>> low_pass = Colour(white=1.0, coloured=8.0, corner_hz=1.0, slope=2.0)
@@ -93,8 +88,6 @@ class Noise:
 
     Parameters
     ----------
-    colours
-        By trial, then by sensor.
     relative_sd
         How well the density is known, relative; by trial, then by sensor.
     drift
@@ -139,11 +132,6 @@ def white_noise(densities: Sequence[Sequence[float]], relative_sd: float = 0.0) 
     densities
         One-sided [unit²/Hz], by trial, then by sensor.
 
-    Raises
-    ------
-    ValueError
-        Where a density is not positive and finite.
-
     Examples
     --------
     >>> noise = white_noise([[0.02]])
@@ -157,12 +145,10 @@ def white_noise(densities: Sequence[Sequence[float]], relative_sd: float = 0.0) 
 
 
 def with_drift(noise: Noise, drift: Drift, rate_hz: float) -> Noise:
-    """Add drift to a noise model.
-
-    What a drifting sensor leaves at low frequency is drift and no colour of its noise, which is
-    taken to be white at the level of the highest line. Other sensors keep their colour.
-    """
+    """Add drift to a noise model."""
     top = np.array([rate_hz / 2])
+    # What a drifting sensor leaves at low frequency is drift and no colour of its noise, which
+    # is taken to be white at the level of the highest line.
     loose = [bool(row.any()) for row in drift.shapes]
     colours = tuple(
         tuple(

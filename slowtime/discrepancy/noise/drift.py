@@ -44,8 +44,6 @@ class Drift:
     shapes
         Reading of each sensor per unit of each motion, in its unit; zero for accelerations,
         which do not drift.
-    orders
-        Order of the time derivative that each sensor measures.
     participation
         Modal force per unit of each input.
     error_density
@@ -65,13 +63,7 @@ class Drift:
     def transfer(
         self, trial: int, frequency_hz: Float[np.ndarray, " frequency"]
     ) -> Complex[np.ndarray, "frequency sensor input"]:
-        """Frequency response from an error of each input to the sensors.
-
-        Parameters
-        ----------
-        frequency_hz
-            Frequencies [Hz].
-        """
+        """Frequency response from an error of each input to the sensors."""
         held = np.where(frequency_hz > 0, frequency_hz, self.min_hz[trial])
         s = 2j * np.pi * held[:, None, None]
         inner = s**2 * self.mass + s * self.damping
@@ -95,16 +87,13 @@ class Drift:
         residual: Complex[np.ndarray, "frequency sensor"],
         noise: Float[np.ndarray, "frequency sensor"],
     ) -> Complex[np.ndarray, "frequency input"]:
-        """Spectrum of the input errors that cause a residual (posterior mean).
-
-        It is zero at 0 Hz, as a residual that begins and ends at zero has no constant cause.
-        The noise is in the scale of the squared spectrum.
-        """
+        """Spectrum of the input errors that cause a residual (posterior mean)."""
         along = self.transfer(trial, frequency_hz)
         loud = along * self.error_density[trial]
         both = loud @ along.conj().swapaxes(1, 2) + noise[:, :, None] * np.eye(noise.shape[1])
         seen = np.linalg.solve(both, residual[:, :, None])
         errors = (loud.conj().swapaxes(1, 2) @ seen)[:, :, 0]
+        # A residual that begins and ends at zero has no constant cause.
         return np.asarray(np.where(frequency_hz[:, None] > 0, errors, 0.0))
 
     def first(self) -> "Drift":
@@ -163,10 +152,9 @@ def rigid_body_drift(description: Description, trials: Sequence[Trial]) -> Drift
 def _input_participation(
     description: Description, structure: Structure, motions: Float[np.ndarray, "dof rigid"]
 ) -> Float[np.ndarray, "rigid input"]:
-    """Modal force of each rigid motion per unit of each input.
-
-    Errors of a measured displacement or velocity are not integrated, and so count for nothing.
-    """
+    """Modal force of each rigid motion per unit of each input."""
+    # Errors of a measured displacement or velocity are not integrated, and so count for
+    # nothing.
     found = np.zeros((motions.shape[1], len(description.inputs)))
     for i, entry in enumerate(description.inputs):
         scale = unit_factor(entry.unit, entry.quantity, description.unit_of_coordinate)

@@ -127,10 +127,6 @@ class BlockMeans:
 
     Parameters
     ----------
-    frequency_hz
-        Mean frequency of each block [Hz].
-    power
-        Mean density [unit²/Hz].
     lines
         Independent lines in each block.
     signal_probability
@@ -161,10 +157,7 @@ def response_limit_hz(description: Description, trials: Sequence[Trial] = ()) ->
 
 
 def _excitation_limit_hz(trial: Trial) -> float:
-    """Frequency [Hz] below which nearly all power of the inputs lies, or else of the outputs.
-
-    0 where both are silent.
-    """
+    """Frequency [Hz] below which nearly all power of inputs lies, or else of outputs."""
     series = trial.inputs if np.ptp(trial.inputs, axis=0).any() else trial.measured
     spectrum = periodogram(detrended(series), trial.rate_hz)
     power = spectrum.density / np.maximum(spectrum.density.sum(axis=0), 1e-300)
@@ -199,17 +192,11 @@ def estimate_noise(
 
     Parameters
     ----------
-    residuals
-        Of each trial (time, sensor), in the sensors' units; zero where a sample is not used.
     silent_above_hz
         Frequency [Hz] above which the structure hardly answers; 0 where the whole residual is
         noise.
     lacking
         Whether the model has no law of an element beyond its stiffness and damping.
-
-    Returns
-    -------
-    The noise of every sensor in every trial.
     """
     powers = []
     for trial, residual in zip(trials, residuals, strict=True):
@@ -251,22 +238,10 @@ def estimate_noise_of_spectra(
 ) -> Noise:
     """Estimate the noise from power spectra that hold more than noise.
 
-    Parameters
-    ----------
-    powers
-        By trial: frequencies [Hz], density of each sensor [unit²/Hz], and the share of its
-        lines that is independent.
-    rate_hz
-        Sampling rate [Hz], for densities with a pair of poles.
-    silent_above_hz
-        Frequency [Hz] above which the structure hardly answers.
-    driven
-        Whether something that was not measured may drive the structure, whose resonance is
-        then a part of the noise.
-
-    See Also
-    --------
-    estimate_noise : The likelihood that is maximised.
+    By trial, powers are frequencies [Hz], density of each sensor [unit²/Hz], and the share of
+    its lines that is independent. The structure hardly answers above `silent_above_hz`. Where
+    something that was not measured may drive it (`driven`), its resonance is a part of the
+    noise. `estimate_noise` states the likelihood that is maximised.
     """
     found = []
     for sensor in range(powers[0][1].shape[1]):
@@ -306,13 +281,8 @@ def block_means(
 ) -> BlockMeans:
     """Average a periodogram over blocks of constant relative width.
 
-    Parameters
-    ----------
-    frequency_hz, power
-        Lines [Hz] and their densities [unit²/Hz].
-    silent_above_hz
-        Frequency [Hz] above which blocks are taken to be noise; the upper half of the band
-        where too few lines lie above it.
+    Blocks above `silent_above_hz` are taken to be noise; the upper half of the band where too
+    few lines lie above it. Densities are in unit²/Hz.
     """
     edges = [0]
     while edges[-1] < len(power):
@@ -349,13 +319,10 @@ def _hides_motion(colour: Colour, below_hz: float) -> bool:
 
 
 def is_noise_only(means: Sequence[BlockMeans], colours: Sequence[Colour]) -> bool:
-    """Whether blocks outside the structure's band scatter about the densities as noise does.
-
-    Twice the deficit of log likelihood is close to chi squared with a degree of freedom for
-    each block. Where some blocks lie in the structure's band, a few others may hold tones.
-    """
+    """Whether blocks outside the structure's band scatter about the densities as noise does."""
     deficit, blocks = 0.0, 0
     for one, colour in zip(means, colours, strict=True):
+        # Where some blocks lie in the structure's band, a few others may hold tones.
         seen = one.signal_probability < THRESHOLDS.signal_probability
         clean = _mixture_log_likelihood(one, colour.density(one.frequency_hz))[1] > 0.5
         if not seen.all() and np.mean(clean[seen]) > 1 - THRESHOLDS.tonal_share:
@@ -447,10 +414,8 @@ def _select_family(means: BlockMeans, rate_hz: float) -> Colour:
 
 
 def _raise_white_part(means: BlockMeans, colour: Colour) -> Colour:
-    """Raise the white part of a rising density as far as the likelihood hardly falls.
-
-    Noise that rises above the structure's band says nothing of the noise within it.
-    """
+    """Raise the white part of a rising density as far as the likelihood hardly falls."""
+    # Noise that rises above the structure's band says nothing of the noise within it.
     ends = colour.density(means.frequency_hz[[0, -1]])
     if ends[0] >= ends[1]:
         return colour

@@ -38,12 +38,8 @@ def incoherent_power(
 
     Parameters
     ----------
-    residual
-        Residual (time, sensor) in the sensors' units; zero where a sample is not used.
     inputs
         Inputs (time, input); constant ones are left out.
-    used
-        Mask of the samples that are used (time, sensor).
 
     Returns
     -------

@@ -105,15 +105,13 @@ def base_motion(
 
 
 def _size(located: Localization, place: Place, unit: str) -> Number:
-    """Root mean square of a random force, each record counting as far as it tells of it.
-
-    How much of the recovered power is the sensors' noise is what is not known of it.
-    """
+    """Root mean square of a random force, each record counting as far as it tells of it."""
     latents = [located.latent(place, i) for i in range(len(located.trials))]
     weights = np.array([latent.sd for latent in latents]) ** -2.0
     power = np.average([np.mean(latent.force**2) for latent in latents], weights=weights)
     noise = np.average([latent.noise_sd**2 for latent in latents], weights=weights)
     size = math.sqrt(power)
+    # How much of the recovered power is the sensors' noise is what is not known of it.
     return Number(size, math.hypot(AMPLITUDE_RELATIVE_SD * size, noise / (2 * size)), unit)
 
 
@@ -128,20 +126,16 @@ def _grows(located: Localization, place: Place) -> bool:
 
 
 def is_made_by_motion(there: Character) -> bool:
-    """Whether a force is a function of the motion where it acts, as none from outside would be.
-
-    In proportion to it is any force that is much slower, or much narrower in band, than the
-    structure answers.
-    """
+    """Whether a force is a function of the motion where it acts, as none from outside is."""
+    # In proportion to its motion is any force that is much slower, or much narrower in band,
+    # than the structure answers.
     curved = there.static_share > min(STATIC_SHARE, there.linear_share + STATIC_LEAD)
     return curved and not there.linear
 
 
 def placed(located: Localization, tried: Sequence[Candidate]) -> bool:
-    """Whether no force but one on the base could be what is missing, and it is all.
-
-    What a fault of the measured motion explains of it has to be seen in a free run first.
-    """
+    """Whether no force but one on the base could be what is missing, and it is all."""
+    # What a fault of the measured motion explains has to be seen in a free run first.
     first = located.groups[0]
     bare = first.explained.likelihood - first.score
     little = (-one.cost / 2 < bare + MAX_LAW_SHARE_OF_SEVERAL * first.score for one in tried)
@@ -162,17 +156,10 @@ def by_a_law(
     trials: tuple[Trial, ...],
     located: Localization,
 ) -> bool:
-    """Whether a law explains much of what may be a motion of the base.
-
-    One that shakes a mode for long looks like a tone; but no right law leaves so much where a
-    force at the base leaves nothing, and none elsewhere does that. Nor does a right law, whose
-    free run follows, leave the force itself as it was.
-
-    Parameters
-    ----------
-    named, labels
-        What was refitted, the best first; and with what each explains along the force.
-    """
+    """Whether a law explains much of what may be a motion of the base."""
+    # A law that shakes a mode for long looks like a tone; but no right law leaves so much where
+    # a force at the base leaves nothing, and none elsewhere does that. Nor does a right law,
+    # whose free run follows, leave the force itself as it was.
     along = {
         label_of(one.effect): 1 - one.cost / one.cost_without
         for one in labels

@@ -87,10 +87,8 @@ class SensorClocks:
 
 
 def pairs_with_delayed_input(given: Round) -> Iterator[tuple[Candidate, Candidate]]:
-    """Give a delay of an input and a law each, where the law is seen only beside that.
-
-    A late input puts every mode out of phase, and what another effect does is hidden by that.
-    """
+    """Give a delay of an input and a law each, where the law is seen only beside that."""
+    # A late input puts every mode out of phase, and what another effect does is hidden by that.
     before, trials, kinds = given.before, given.trials, given.kinds
     if LATE not in kinds or not _opaque(given.tried):
         return

@@ -45,11 +45,9 @@ class FreeRunScan:
     name: str = "free-run scan"
 
     def __call__(self, given: Round) -> Proposal:
-        """Propose laws of elements; nothing where a candidate keeps to the records.
-
-        A force that acts gives the phase again.
-        """
+        """Propose laws of elements; nothing where a candidate keeps to the records."""
         best = given.best()
+        # A driven motion does not lose its phase: the force gives it again.
         driven = any(trial.inputs.any() for trial in given.trials)
         if driven or (best is not None and best.chi2_in_band < LOST_CHI2):
             return Proposal(self.name, ())

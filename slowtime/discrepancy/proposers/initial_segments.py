@@ -55,17 +55,8 @@ def initial_segment_candidates(
 ) -> list[Candidate]:
     """Give the laws at elements that leave least of how the records begin, the best first.
 
-    Each with what it, and the model without it, would leave of the records were they all as
-    they begin.
-
-    Parameters
-    ----------
-    before
-        The fit without them, its constants held to their tolerances.
-    late
-        Once true, what was fitted by then is all there is.
-    among
-        Places of these elements; of all, where not given.
+    Costs are what each, and the model without it, would leave of the records were they all as
+    they begin. The constants of `before` are held to their tolerances.
     """
     heads = first_periods(before.plant, trials)
     before = refit_initial_states(before, heads)

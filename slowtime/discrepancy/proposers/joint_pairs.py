@@ -53,21 +53,13 @@ class JointPairs:
     """Fits two laws at once, where either leaves much and both leave nothing.
 
     Both may not need constants that are off: two that are wrong find help in those.
-
-    Parameters
-    ----------
-    stated
-        What the model says of its inputs between samples; as it stands where not given.
     """
 
     stated: tuple[Hold, ...] | None
     asked: Sequence[tuple[Hold, ...] | None]
 
     def of_round(self, given: Round, done: Collection[PairLabel]) -> list[LawPair]:
-        """Give pairs of one force first, then those of which each explains something alone.
-
-        None while what was fitted explains all.
-        """
+        """Give pairs of one force first, then those of which each explains something alone."""
         fitted = sorted(given.fitted, key=lambda one: -one.score)
         best = fitted[0].fit if fitted else given.before
         if (
@@ -92,14 +84,8 @@ class JointPairs:
     ) -> SearchStep | None:
         """Fit pairs; give the hypothesis with the best that leaves nothing.
 
-        Parameters
-        ----------
-        reached
-            Mean square in band that the best alone leaves.
-
-        Returns
-        -------
-        A step that adds two effects, or none and suggests a hold; None where no pair explains.
+        The step adds two effects, or none and suggests a hold; None where no pair leaves less
+        than `reached`, the mean square in band of the best law alone, or where none explains.
         """
         good: list[tuple[Candidate, FittedCandidate]] = []
         for one, other in pairs:
@@ -148,11 +134,9 @@ class JointPairs:
 def without_imitations(
     good: Sequence[tuple[Candidate, FittedCandidate]], kinds: Mapping[str, Kind]
 ) -> list[tuple[Candidate, FittedCandidate]]:
-    """Leave out pairs that do by more numbers what another pair does at the same places.
+    """Leave out pairs that do by more numbers what another pair does at the same places."""
 
-    A jump of stiffness before the records begin is a spring.
-    """
-
+    # A jump of stiffness before the records begin is a spring.
     def effects(pair: tuple[Candidate, FittedCandidate]) -> tuple[Effect, Effect]:
         return pair[0].effect, pair[1].effect
 
@@ -209,15 +193,13 @@ def _fit_pair(
 def _fitted_on(
     both: FittedCandidate, trials: Sequence[Trial], kinds: Mapping[str, Kind]
 ) -> FittedCandidate:
-    """Fit a pair on from where it was given up, and from a better instant of its switch.
-
-    One that is right ends a moment beside that.
-    """
+    """Fit a pair on from where it was given up, and from a better instant of its switch."""
     fit = try_refit(
         both.fit.plant, trials, values=both.fit.values, states=both.fit.states, horizons=(1.0,)
     )
     if fit is None:
         return both
+    # A pair that is right ends a moment beside the true instant.
     fit = refine_switching_instant(fit, trials, kinds, None, math.inf)
     return dataclasses.replace(both, fit=fit, score=evidence(fit, kinds))
 
@@ -225,10 +207,7 @@ def _fitted_on(
 def _pairs_of_fitted(
     fitted: Sequence[FittedCandidate], bare: Fit, kinds: Mapping[str, Kind]
 ) -> Iterator[LawPair]:
-    """Give laws two by two that each explain something alone, the best first.
-
-    None that may be pieces of one curve: any curve has such.
-    """
+    """Give laws two by two that each explain something alone, the best first."""
     bar = MAX_SINGLE_REST * bare.chi2_in_band
     some = [one for one in fitted if one.fit.chi2_in_band < bar][:PAIRED_LAWS]
     effects = [fitted_effect(one) for one in some]
@@ -236,6 +215,7 @@ def _pairs_of_fitted(
     for i, j in sorted(numbers, key=sum):
         one, other = effects[i], effects[j]
         own = variable_of(one, kinds)
+        # Two pieces of one curve each explain something of any curve, so that is no evidence.
         pieces = own is not None and own == variable_of(other, kinds)
         if one.place == other.place and (pieces or one.kind == other.kind):
             continue

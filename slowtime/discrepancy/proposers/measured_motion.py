@@ -10,10 +10,7 @@ from .protocol import Round, reached_by_shortlist
 
 
 def pairs_along_measured_motion(given: Round) -> list[LawPair]:
-    """Give the pairs of laws that explain most, where each law leaves more than one force does.
-
-    None where sensors do not tell the motion of all coordinates.
-    """
+    """Give pairs of laws that explain most, where each leaves more than one force does."""
     data = sum(2 * lines.residual.size for lines in given.localized.lines)
     enough = reached_by_shortlist(given.tried) <= LIMITS.several_forces_chi2 * data
     if enough or given.is_late("comparing pairs of laws along the measured motion", 0.05):

@@ -20,8 +20,6 @@ class Proposal:
 
     Parameters
     ----------
-    source
-        Name of the proposer.
     candidates
         The likeliest first; none where this evidence says nothing. One whose `cost` is far
         above that of those fitted before is passed over: state it on their scale.
@@ -58,22 +56,12 @@ class Round:
         along that motion, the best first. Of kinds that contain others see `kinds`.
     shortlist
         Those of them that are fitted where no proposal with `only` stands in their place.
-    kinds
-        Effects that may be named, by name.
-    monitor
-        Told the stage; says whether the budget is used up.
     trials
         Records, cut where a fast clock runs past their end.
-    number
-        Effects that were looked for before this one.
-    base_moves
-        Whether the base may have moved, as nobody measured.
     share
         Of the whole diagnosis that is done, to show progress.
     fitted
         Candidates fitted in this round so far, in the order in which they were.
-    proposals
-        Of this round so far, in the order in which they were made.
     """
 
     hypothesis: Hypothesis
@@ -112,13 +100,7 @@ class Round:
         return min(fits, key=lambda fit: fit.chi2_in_band, default=None)
 
     def is_late(self, stage: str, further: float) -> bool:
-        """Say what is being done; return whether the budget allows the likeliest only.
-
-        Parameters
-        ----------
-        further
-            Share of the whole diagnosis [1] done since the round began.
-        """
+        """Say what is being done; return whether the budget allows the likeliest only."""
         self.monitor(stage, self.share + further)
         return self.monitor.is_late
 

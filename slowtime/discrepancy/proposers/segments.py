@@ -108,13 +108,6 @@ class Segments:
     Where a law is strong, the run without it is soon another motion, and no force along it says
     what is missing. It is asked twice: before anything was fitted, where no force explains what
     is missing (`only`), and where what was fitted explains little.
-
-    Parameters
-    ----------
-    only
-        Whether its candidates stand in place of the shortlist of the library.
-    shoot
-        Fits a model to segments of records, as `shooting_fit` does.
     """
 
     only: bool = False
@@ -178,10 +171,7 @@ class _SegmentSearch:
         self.is_late = late
 
     def best(self) -> list[Candidate]:
-        """Give the laws that leave least, each with what it and the model would leave.
-
-        As if all of the records were as the segments are.
-        """
+        """Give the laws that leave least, each with what it and the model would leave."""
         found = self._fitted(self._likeliest(), *self._quiet(), MAX_REST_OF_FEW)
         if not found:
             return []
@@ -207,10 +197,7 @@ class _SegmentSearch:
         return list(found.values())
 
     def _overlooked(self, place: Place) -> Iterator[Candidate]:
-        """Give laws that explain nothing along the motion recovered at a place.
-
-        Where that is not what moved, a law may seem to pull where it pushes.
-        """
+        """Give laws that explain nothing along the motion recovered at a place."""
         tried = {one.effect.kind for one in self._tried if one.effect.place == place}
         located, numbers = self._located, range(len(self._located.trials))
         described = located.linear.description
@@ -223,6 +210,8 @@ class _SegmentSearch:
         for kind in others:
             if kind.name in tried:
                 continue
+            # Where the recovered motion is not what moved, a law may seem to pull where it
+            # pushes.
             laws = list(
                 effects_of_strength(
                     kind, place, concatenate_motions([one.motion for one in latents]),
@@ -364,12 +353,10 @@ def _rides(kind: Kind) -> bool:
 def _begun(
     effect: Effect, parts: Sequence[Trial], kinds: Mapping[str, Kind]
 ) -> Iterator[Effect]:
-    """Give an effect with every choice that is not fitted: the motion tells which it is.
-
-    What switches is begun all over the pieces: from afar no fit comes to the right instant.
-    """
+    """Give an effect with every choice that is not fitted: the motion tells which it is."""
     kind = kinds[effect.kind]
     ways = {p.name: list(p.choices) for p in kind.parameters if p.choices}
+    # From afar no fit comes to the right instant of a switch: it is begun all over the pieces.
     for name in kind.action.switches if isinstance(kind.action, Law) else ():
         within = {
             part.start_s + share * part.duration_s for part in parts for share in SWITCH_SHARES

@@ -36,11 +36,9 @@ one rate. Source: docs/what_decides.md: half and double change no answer."""
 def sensor_drift(
     before: Fit, located: Localization, kinds: Mapping[str, Kind]
 ) -> NamedEffect | None:
-    """Name the drift of a sensor whose error is slow, where no law of a drift explains it.
-
-    A structure answers slow forces by slow motion, too; but that shows in all of its sensors,
-    and not in accelerations. So the sensor must be where one unknown error explains the most.
-    """
+    """Name the drift of a sensor whose error is slow, where no law of a drift explains it."""
+    # A structure answers slow forces by slow motion, too; but that shows in all of its sensors,
+    # and not in accelerations. So the sensor must be where one unknown error explains the most.
     first = located.groups[0]
     place = next((p for p in (*first.places, *first.twins) if p.kind == "sensor"), None)
     if place is None or KIND not in kinds or located.p_value > LIMITS.false_alarm_p_value:
@@ -71,14 +69,7 @@ def drifting(
 ) -> NamedEffect:
     """Name the drift of a sensor, whatever its course.
 
-    Parameters
-    ----------
-    before
-        Fit whose residual is the error of the sensor, in its unit.
-
-    Returns
-    -------
-    The drift in the unit of the sensor: over the campaign, with its span [s], if it grows at
+    Its size is in the unit of the sensor: over the campaign, with its span [s], if it grows at
     one rate in every record; otherwise what it comes to in a record.
     """
     channels = [sensor.channel for sensor in before.plant.description.sensors]

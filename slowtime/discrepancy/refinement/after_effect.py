@@ -19,13 +19,7 @@ Refine = Callable[[Hypothesis, Mapping[str, Kind], Monitor], Hypothesis]
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Refiner:
-    """One step that gives a hypothesis which leaves less, or the hypothesis itself.
-
-    Parameters
-    ----------
-    while_late
-        Whether it is taken though the budget is nearly used up.
-    """
+    """One step that gives a hypothesis which leaves less, or the hypothesis itself."""
 
     name: str
     refine: Refine

@@ -17,13 +17,7 @@ SPAN = "span_s"
 def span_campaign(
     hypothesis: Hypothesis, own: int, campaign: Campaign, kinds: Mapping[str, Kind]
 ) -> Hypothesis:
-    """Quote drifts by what they come to at the end of all records, held-out ones included.
-
-    Parameters
-    ----------
-    own
-        Effects that the model had as it was given.
-    """
+    """Quote drifts by what they come to at the end of all records, held-out ones included."""
     every = (*campaign.trials, *campaign.holdout)
     end = max(trial.start_s + trial.duration_s for trial in every)
     fits = [spanning(fit, own, end) for fit in hypothesis.fits]
@@ -39,16 +33,8 @@ def span_campaign(
 def spanning(fit: Fit, own: int, end_s: float) -> Fit:
     """Express drifts of a fit over another span: the same slope, another change at the end.
 
-    Parameters
-    ----------
-    own
-        Effects that the model had as it was given; they keep their span.
-    end_s
-        The other span [s], from the beginning of the campaign.
-
-    Returns
-    -------
-    The fit with its values, priors and covariance rescaled.
+    Values, priors and covariance are rescaled to the span `end_s` [s], but for the effects
+    (`own`) that the model had as it was given.
     """
     values, factors = fit.values.copy(), np.ones(len(fit.prior.names))
     for number, effect in enumerate(fit.plant.effects):

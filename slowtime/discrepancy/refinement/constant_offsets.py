@@ -56,12 +56,7 @@ def with_offsets(
 ) -> Description:
     """Add the offsets that records of such a structure need, with a value of zero.
 
-    Parameters
-    ----------
-    decays
-        Whether the records are free decays.
-    by_record
-        Channels of sensors that have another offset in each record.
+    Sensors `by_record` have another offset in each record.
     """
     common = _of_sensors(description, kinds) if decays else ()
     return dataclasses.replace(
@@ -82,13 +77,7 @@ def refit_with_offsets(
     *,
     decays: bool,
 ) -> Fit:
-    """Fit a model with its offsets, one for each record where the records demand it.
-
-    Parameters
-    ----------
-    decays
-        Whether the records are free decays.
-    """
+    """Fit a model with its offsets, one for each record where the records demand it."""
     start = with_offsets(description, kinds, decays=decays)
     fit = refit(Plant.of(start, kinds=kinds), trials)
     channels = differing_sensors(fit, trials) if BY_RECORD in kinds else ()
@@ -105,15 +94,13 @@ def refit_with_offsets(
 
 
 def differing_sensors(fit: Fit, trials: Sequence[Trial]) -> tuple[str, ...]:
-    """List sensors of displacement that are off by constants of either sign.
-
-    A law that is missing and not symmetric shifts all records the same way.
-    """
+    """List sensors of displacement that are off by constants of either sign."""
     given = fit.plant.description
     found = []
     for number, sensor in enumerate(given.sensors):
         if sensor.quantity != "displacement":
             continue
+        # A law that is missing and not symmetric shifts all records the same way.
         left = [
             _standard_errors_off(residual[trial.used[:, number], number])
             for residual, trial in zip(fit.residual, trials, strict=True)

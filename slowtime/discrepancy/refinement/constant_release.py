@@ -47,12 +47,8 @@ of step. Source: of a model that lacks a law, minima differ by less."""
 def refit_from_other_stiffnesses(fit: Fit, trials: Sequence[Trial]) -> Fit:
     """Refit from other stiffnesses where the free run is out of step with the records.
 
-    These few refits do not take from the budget of work of the search.
-
-    Returns
-    -------
-    The fit of the lowest minimum within the tolerances, if that is much lower; the given one
-    otherwise.
+    These few refits do not take from the budget of work of the search. The given fit stands
+    unless the lowest minimum within the tolerances is much lower.
     """
     own = [
         i for i, name in enumerate(fit.prior.names)
@@ -89,18 +85,9 @@ def refit_from_other_stiffnesses(fit: Fit, trials: Sequence[Trial]) -> Fit:
 def release_constants(
     bent: Fit, named: Sequence[FittedCandidate], trials: Sequence[Trial]
 ) -> Fit | None:
-    """Refit a model without any law from where the best law has led its constants.
+    """Refit a model without any law from where the best law led its constants, if it gains.
 
-    Parameters
-    ----------
-    bent
-        Refitted from where it was claimed to be.
-    named
-        The same with one law more, the best first.
-
-    Returns
-    -------
-    None where that comes to nothing better.
+    The fit `bent` started from the constants as claimed.
     """
     best = named[0].fit if named else None
     if best is None or best.chi2_in_band > LOWER_MINIMUM_SHARE * bent.chi2_in_band:

@@ -35,13 +35,7 @@ computing time."""
 
 
 def converge(hypothesis: Hypothesis, own: int, kinds: Mapping[str, Kind]) -> Hypothesis:
-    """Fit the last model until nothing is gained any more, and read its parameters anew.
-
-    Parameters
-    ----------
-    own
-        Effects that the model had as it was given.
-    """
+    """Fit the last model until nothing is gained any more, and read its parameters anew."""
     last = hypothesis.last
     if not _is_explained(hypothesis, kinds):
         return hypothesis
@@ -60,13 +54,6 @@ def converge_stick_slip(
     All else is fitted at each value. What is not known is what Laplace's approximation leaves
     at the best, how those values scatter, each as likely as its chi squared says, and half the
     square of how far the fit had ended from there.
-
-    Parameters
-    ----------
-    own
-        Effects that the model had as it was given.
-    tell
-        Told of it; once it hurries, friction is held no more.
     """
     last, trials = hypothesis.last, hypothesis.trials
     lead = _friction(last, kinds)

@@ -54,15 +54,7 @@ def eliminate(
     trials: tuple[Trial, ...],
     kinds: Mapping[str, Kind],
 ) -> tuple[list[Fit], list[NamedEffect]]:
-    """Leave out effects without which the rest does as well, and read numbers off the last fit.
-
-    Parameters
-    ----------
-    fits
-        Of the nominal model, and after each effect.
-    answers
-        One for each effect, in order.
-    """
+    """Leave out effects without which the rest does as well; quote the last fit."""
     chain, kept = list(fits), list(answers)
     if len(kept) < 2 or any(isinstance(kinds[a.effect.kind].action, Unmeasured) for a in kept):
         return chain, kept
@@ -86,11 +78,9 @@ def eliminate(
 
 
 def _lost(less: Fit, more: Fit, number: int, kinds: Mapping[str, Kind]) -> bool:
-    """Whether a model is far off for want of a law that does next to nothing.
-
-    What tips over goes another way for a thousandth of its mass; then the fit without the law
-    is in a minimum of its own.
-    """
+    """Whether a model is far off for want of a law that does next to nothing."""
+    # What tips over goes another way for a thousandth of its mass; then the fit without the law
+    # is in a minimum of its own.
     kind = kinds[more.plant.effects[number].kind]
     faint = sds_of_strength(more, number, kind) < LIMITS.clear_sds
     return faint and more.chi2_in_band < WRONG_MODEL_CHI2 < less.chi2_in_band
@@ -106,11 +96,9 @@ def _regrown(fit: Fit, trials: tuple[Trial, ...]) -> Fit:
 
 
 def _gain(more: Fit, less: Fit, trials: tuple[Trial, ...], kinds: Mapping[str, Kind]) -> float:
-    """Log evidence that the larger model has over the smaller, by one noise and the same data.
-
-    What a clock that is off leaves without an end is out of the data while one is tried.
-    """
+    """Log evidence of the larger model over the smaller, by one noise and the same data."""
     same = more
+    # What a clock that is off leaves without an end is out of the data while one is tried.
     if less.noise is not more.noise or less.data != more.data:
         same = refit(
             more.plant, trials, noise=less.noise, values=more.values, states=more.states,

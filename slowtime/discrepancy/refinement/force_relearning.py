@@ -50,17 +50,7 @@ def relearn_force(
     kinds: Mapping[str, Kind],
     tell: Monitor,
 ) -> Hypothesis:
-    """Fit a law again from the parameters of the force recovered at its place.
-
-    Parameters
-    ----------
-    before
-        The last fit, its constants held to their tolerances.
-
-    Returns
-    -------
-    The hypothesis itself where that leaves no less.
-    """
+    """Fit a law again from the force recovered at its place; kept where it leaves less."""
     last, trials = hypothesis.last, hypothesis.trials
     whole = hypothesis.last_fits_whole_records and hypothesis.holds is None
     number = _incomplete_law(hypothesis, located, kinds)
@@ -132,18 +122,7 @@ def _recovered(
 def law_of(kind: Kind, effect: Effect, force: Series, motion: Motion) -> dict[str, float]:
     """Fit the parameters of a law to a force, beside a spring, a damper and a constant.
 
-    Parameters
-    ----------
-    effect
-        The law, with the parameters to start from; those at 0 stay there.
-    force
-        At the place of the law, shape (time,) [N].
-    motion
-        At the same place and times: elongation [m], its rate [m/s] and its acceleration [m/s²].
-
-    Returns
-    -------
-    Fitted parameters by name, in their units; none where one of them would not be allowed.
+    Parameters at 0 stay there. None are given where one of them would not be allowed.
 
     Examples
     --------

@@ -91,18 +91,10 @@ def refit_to_free_runs(
     """Refit the constants to the plain error of free runs, where that predicts better.
 
     It is given up after `MAX_WORK`, or its share of that in a shorter diagnosis, and works
-    though the budget of the search is used up: its fits begin close to where they end.
-
-    Parameters
-    ----------
-    tell
-        Called before each step; may raise to end the diagnosis.
-
-    Returns
-    -------
-    None where the model leaves noise only, where records are too short to be cut into pieces,
-    where constants would be others than before, or where pieces left out are not predicted
-    better by more than their scatter.
+    though the budget of the search is used up: its fits begin close to where they end. None
+    where the model leaves noise only, records are too short to be cut into pieces, constants
+    would be others than before, or pieces left out are not predicted better by more than their
+    scatter.
     """
     if not _is_worth_it(fit, trials):
         return None
@@ -176,10 +168,7 @@ def refit_plainly(
     records: Sequence[Trial] | None = None,
     is_late: Callable[[], bool] | None = None,
 ) -> Fit | None:
-    """Refit with white weights, the same over all of each record; None where that breaks down.
-
-    It starts from a fit, whose residuals on its whole `records` weigh the sensors.
-    """
+    """Refit with white weights, the same over each record; None where that breaks down."""
     return try_refit(
         fit.plant, trials,
         free=list(fit.prior.names),

@@ -32,14 +32,12 @@ def refit_with_growing_horizon(hypothesis: Hypothesis, kinds: Mapping[str, Kind]
 def refit_friction_with_growing_horizon(
     hypothesis: Hypothesis, kinds: Mapping[str, Kind]
 ) -> Hypothesis:
-    """Fit friction that was found alone again to ever longer parts.
-
-    It sticks at an instant or does not, and its misfit has a minimum for either.
-    """
+    """Fit friction that was found alone again to ever longer parts."""
     last = hypothesis.last
     one = hypothesis.effects[0].effect if len(hypothesis.effects) == 1 else None
     if one is None or not isinstance(kinds[one.kind].action, Friction):
         return hypothesis
+    # Friction sticks at an instant or does not, and its misfit has a minimum for either.
     little = last.chi2_in_band < LIMITS.far_off_chi2 and not hardly_any(last, hypothesis.first)
     if little and chi2_p_value(last) < LIMITS.coloured_p_value:
         return _continued(hypothesis, kinds, STICK_SLIP_HORIZONS)

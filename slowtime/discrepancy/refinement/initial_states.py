@@ -40,10 +40,7 @@ def restart_initial_states(hypothesis: Hypothesis, kinds: Mapping[str, Kind]) ->
 
 
 def restarted(fit: Fit, trials: Sequence[Trial]) -> Fit | None:
-    """Give the fit with other initial states, where that leaves less; else nothing.
-
-    Looked for in records whose first swings are explained much worse than what follows.
-    """
+    """Give the fit with other initial states, where that leaves less; else nothing."""
     if fit.chi2_in_band < WRONG_MODEL_CHI2:
         return None
     heads = first_periods(fit.plant, trials)

@@ -31,7 +31,7 @@ from .elimination import left_out
 def name_limits(hypothesis: Hypothesis, kinds: Mapping[str, Kind]) -> Hypothesis:
     """Put the simpler law in the place of each that does nothing beyond it.
 
-    That is one whose further numbers are not worth their cost in evidence, or explain less than
+    Its further numbers are then not worth their cost in evidence, or explain less than
     `MIN_NESTED_GAIN` of what was missing without the law.
     """
     whole = hypothesis.last_fits_whole_records and hypothesis.holds is None

@@ -15,11 +15,9 @@ MAX_SDS = 2.0
 
 
 def hold_natural_values(hypothesis: Hypothesis, kinds: Mapping[str, Kind]) -> Hypothesis:
-    """Fit the last model again, its parameters at their natural values where they are near.
-
-    An exponent of 1.002 ± 0.002 is 1, and what it was correlated with is known better then.
-    A parameter whose natural value is that of a constant stays free, as that is.
-    """
+    """Fit the last model again, its parameters at their natural values where they are near."""
+    # An exponent of 1.002 ± 0.002 is 1, and what it was correlated with is known better then. A
+    # parameter whose natural value is that of a constant stays free, as that is.
     last = hypothesis.last
     held = {
         name: natural[0]

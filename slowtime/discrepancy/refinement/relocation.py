@@ -46,15 +46,10 @@ def relocate(
 ) -> Hypothesis:
     """Put a law at another place, where that explains more.
 
-    Each place needs as many parameters of the law: the likelier leaves less.
-
-    Parameters
-    ----------
-    least
-        Number of effects from which on this is tried: a single law was compared at all places
-        when it was found, unless constants give way as they do in a reduced model.
-    among
-        Names of the places that come into question; none for all.
+    It is tried from `least` effects on: a single law was compared at all places when it was
+    found, unless constants give way as they do in a reduced model. Each place needs as many
+    parameters of the law: the likelier leaves less. Only places in `among` come into question;
+    any where it is empty.
     """
     last, trials = hypothesis.last, hypothesis.trials
     whole = hypothesis.last_fits_whole_records and hypothesis.holds is None

@@ -55,13 +55,7 @@ def substitute(
     stated: tuple[Hold, ...] | None,
     tell: Monitor,
 ) -> Hypothesis:
-    """Put others in the place of effects, where that explains more; until nothing does.
-
-    Parameters
-    ----------
-    stated
-        What the model says of its inputs between samples; as it stands where not given.
-    """
+    """Put others in the place of effects, where that explains more; until nothing does."""
     if not is_worthwhile(hypothesis, kinds):
         return hypothesis
     weak = _weak_effects(hypothesis, kinds)
@@ -91,13 +85,7 @@ def generalize(
     stated: tuple[Hold, ...] | None,
     tell: Monitor,
 ) -> Hypothesis:
-    """Put more general laws in the place of those found, where that explains more.
-
-    Parameters
-    ----------
-    stated
-        What the model says of its inputs between samples; as it stands where not given.
-    """
+    """Put more general laws in the place of those found, where that explains more."""
     whole = len(hypothesis.fits) == 1 + len(hypothesis.effects) and hypothesis.holds is None
     settled = hypothesis.final or hypothesis.without_sensor or explains_all(hypothesis)
     if settled or not whole or not hypothesis.fits_whole_records:
@@ -128,12 +116,10 @@ def is_worthwhile(hypothesis: Hypothesis, kinds: Mapping[str, Kind]) -> bool:
 
 
 def _weak_effects(hypothesis: Hypothesis, kinds: Mapping[str, Kind]) -> list[int]:
-    """Give numbers of laws of several parameters that may do what another law does.
-
-    One whose strength is hardly more than its error is at the end of its range: what rides on a
-    node and swings without damping is a tone. One of general form imitates what was missing
-    with it when it was named.
-    """
+    """Give numbers of laws of several parameters that may do what another law does."""
+    # One whose strength is hardly more than its error is at the end of its range: what rides on
+    # a node and swings without damping is a tone. One of general form imitates what was missing
+    # with it when it was named.
     last, general = hypothesis.last, {kind.name for kind in general_kinds(kinds)}
     own = len(last.plant.effects) - len(hypothesis.effects)
     return [

@@ -30,18 +30,8 @@ def answered(
 ) -> Report:
     """Give a report of an outcome, in the same words for every likelihood.
 
-    Parameters
-    ----------
-    report
-        Class of the report.
-    answers
-        Effects that are named, and faults of channels.
-    words
-        Name of a rival, and its place.
-    closing
-        Further sentences under a verdict.
-    rest
-        Fields of the report beyond those of `Answer`.
+    `words` gives the name of a rival and its place, `closing` further sentences under a
+    verdict, and `rest` the fields of the report beyond those of `Answer`.
     """
     verdict, sentence = verdict_and_sentence(outcome, answers, words)
     sentence += experiment_sentence(verdict, outcome.experiment)
@@ -66,12 +56,7 @@ def assemble(
 ) -> Diagnosis:
     """Put the diagnosis of a campaign together.
 
-    Parameters
-    ----------
-    given
-        Model as it was given.
-    findings
-        Of the screening; what is a fault of a channel is named beside the effects.
+    A finding of the screening that is a fault of a channel is named beside the effects.
     """
     faults = [a for f in findings if (a := fault_of(f, given, kinds)) is not None]
     answers = _once([*outcome.effects, *faults])

@@ -29,12 +29,8 @@ class Evaluation:
     ----------
     tests
         Records that were held out, or the last third of each record.
-    held_out
-        Whether they were held out.
     steps
         Of the refitted model, and of the model after each effect.
-    noise
-        Of the tests, estimated from what the last model leaves.
     floor
         Relative error of that noise alone [1].
     """

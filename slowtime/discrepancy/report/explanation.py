@@ -63,13 +63,11 @@ def holds_laws(found: Hypothesis) -> bool:
 def nearest_effects(
     found: Hypothesis, evaluation: Evaluation, kinds: Mapping[str, Kind]
 ) -> tuple[NamedEffect, ...]:
-    """Give the effects with which the error on what was not fitted falls noticeably.
-
-    A law with a clock of its own describes a stationary gap badly: it has to take half of it.
-    """
+    """Give the effects with which the error on what was not fitted falls noticeably."""
     errors = evaluation.errors
     if len(errors) != len(found.effects) + 1:
         return found.effects
+    # A law with a clock of its own describes a stationary gap badly: it has to take half of it.
     return tuple(
         answer
         for answer, before, after in zip(found.effects, errors, errors[1:], strict=False)
@@ -96,10 +94,8 @@ def _foretold(found: Hypothesis, evaluation: Evaluation, kinds: Mapping[str, Kin
 
 
 def is_only_noise_left(found: Hypothesis, evaluation: Evaluation) -> bool:
-    """Whether nothing was found, and what was not fitted is met as well as noise allows.
-
-    What is left is then noise of another colour than it was taken to have.
-    """
+    """Whether nothing was found, and what was not fitted is met as well as noise allows."""
+    # What is left is then noise, of another colour than was assumed.
     little = found.fits[-1].chi2_in_band < WRONG_MODEL_CHI2
     within = FALLEN_ERROR_SHARE * evaluation.errors[-1] <= evaluation.floor
     return not found.effects and little and within

@@ -37,8 +37,6 @@ class KeptModel:
     ----------
     closed
         A force surface that closes the gap, where the effect is unknown and one does.
-    why_open
-        Why none does.
     useless
         Whether the model as given does better than the fitted one, and is kept.
     refitted

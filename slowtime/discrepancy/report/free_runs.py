@@ -48,12 +48,7 @@ def report(
 ) -> Diagnosis:
     """Judge a hypothesis by free runs on what was not fitted, and report it.
 
-    Parameters
-    ----------
-    monitor
-        Of the budget; where given, and the effect is unknown, a force surface closes the gap.
-    surface
-        Shape that this is to have.
+    Where a monitor is given, and the effect is unknown, a force surface closes the gap.
     """
     given = campaign.description
     evaluation = evaluate(campaign, trials, found, kinds)

@@ -34,17 +34,7 @@ UNTRIED = "No force surface was fitted: there was no time for it. Raise --patien
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class ClosedGap:
-    """A model with a measured force surface, and its free run on what was not fitted.
-
-    Parameters
-    ----------
-    fit
-        With the surface as its last effect.
-    finished
-        Whether its fit came to an end within the budget.
-    shaped
-        Terms and shape of the surface, and demands that the records contradict.
-    """
+    """A model with a measured force surface, and its free run on what was not fitted."""
 
     place: Place
     fit: Fit
@@ -70,20 +60,9 @@ def close_gap(
 ) -> ClosedGap | str:
     """Fit a force surface beside the model as given, and adopt it where it predicts better.
 
-    One that leaves more of the records than the model without it is fitted again, from none.
-
-    Parameters
-    ----------
-    held_out
-        Whether these were held out; the last thirds of the fitted records otherwise.
-    error
-        Relative error without a surface [1].
-    demand
-        Shape that the surface is to have, where the records allow it.
-
-    Returns
-    -------
-    The surface that was adopted; a sentence that says why there is none otherwise.
+    A surface that leaves more of the records than the model without it is fitted again, from
+    none. Without held-out tests, these are the last thirds of the fitted records. Gives a
+    sentence that says why, where none is adopted.
     """
     before, localized = found.first, found.localized
     if localized is None or len(before.states) != len(trials):
@@ -124,15 +103,7 @@ def _explains(one: SurfaceFit, before: Fit) -> bool:
 def describe_gap_closure(
     closed: ClosedGap, before: float, like: Sequence[Likeness], kinds: Mapping[str, Kind]
 ) -> str:
-    """Say what the surface is, how much of the gap it closes, and which laws it resembles.
-
-    Parameters
-    ----------
-    before
-        Relative error [1] of the refitted model without it.
-    like
-        Laws like the surface, the most similar first.
-    """
+    """Say what the surface is, how much of the gap it closes, and which laws it resembles."""
     effect = closed.fit.plant.effects[-1]
     own = effect.parameters
     unit = closed.fit.plant.description.unit_of_coordinate

@@ -39,10 +39,6 @@ class Likeness:
         Share of the force of the surface that it explains, beside a spring and a damper.
     unlike_above
         Elongation and speed above which it is not like the surface; infinite where it is.
-    parameters
-        Of the law, by name, in their units.
-    strength
-        Factor on its force [1].
     linear
         Constant [N], stiffness [N/m] and damping [N s/m] beside it.
     """
@@ -56,13 +52,7 @@ class Likeness:
 
 
 def describe_likeness(like: Sequence[Likeness], kinds: Mapping[str, Kind], unit: str) -> str:
-    """Say which laws a surface is most like, and where it is not like them.
-
-    Parameters
-    ----------
-    like
-        Laws like the surface, the most similar first.
-    """
+    """Say which laws a surface is most like, and where it is not like them."""
     if not like:
         return " It does not resemble any law of the catalogue."
     told = []

@@ -29,8 +29,6 @@ class ErrorMeasure:
     ----------
     of
         Of what, such as " of the force"; empty for the motion of free runs.
-    text
-        Writes an error.
     reached, alone
         Say that an error is the noise floor, and what the noise floor is otherwise.
     """
@@ -64,10 +62,6 @@ class Outcome:
         Whether wrong constants, or a law near the one named that is not known, are among these.
     unknown
         What is missing, in words, where no effect known here explains it; empty otherwise.
-    nothing
-        Said where nothing is missing.
-    moved
-        Constants of the model that left their tolerance, with new values.
     """
 
     effects: Sequence[NamedEffect]
@@ -85,13 +79,7 @@ class Outcome:
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class CampaignOutcome(Outcome):
-    """The same of a campaign; fields that are not told here are those of `Diagnosis`.
-
-    Parameters
-    ----------
-    measure
-        What the errors of `gap` are of.
-    """
+    """The same of a campaign; fields that are not told here are those of `Diagnosis`."""
 
     gap: Gap
     refitted: Description
@@ -121,14 +109,7 @@ def gap_of(
 ) -> Gap:
     """Give the errors of the model as given, refitted, and after each effect.
 
-    Parameters
-    ----------
-    errors
-        Of the refitted model, and after each effect.
-    kept, worst
-        Of the model that is adopted, and at its worst sensor; the last error where not given.
-    further
-        Steps after the effects.
+    Those of the adopted model, and of its worst sensor, are the last where not given.
     """
     steps = (
         GapStep(one.effect.kind, one.effect.place, error)

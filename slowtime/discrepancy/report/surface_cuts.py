@@ -32,14 +32,7 @@ def measured_force(
 ) -> MeasuredForce:
     """Cut a force surface along the elongation and along the rate, with bands.
 
-    Parameters
-    ----------
-    closed
-        Fit with the surface as its last effect.
-    like
-        Laws like the surface, the most similar first.
-    found
-        Whose recovered motion says where the records come.
+    The recovered motion of what was found says where the records come.
     """
     plant = closed.fit.plant
     own = plant.effects[-1].parameters

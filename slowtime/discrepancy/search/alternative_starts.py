@@ -22,13 +22,7 @@ docs/decisions/0017 for the rule; docs/what_decides.md: half and double change n
 def alternative_starts(
     found: Hypothesis, before: Fit, kinds: Mapping[str, Kind], tell: Monitor
 ) -> Iterator[FittedCandidate]:
-    """Give the second that was found, the next best that were refitted, and what came after.
-
-    Parameters
-    ----------
-    before
-        The fit that the first was added to.
-    """
+    """Give the second that was found, the next best that were refitted, and what came after."""
 
     def refitted(candidate: Candidate) -> list[FittedCandidate]:
         return fit_candidates(before, [candidate], found.trials, kinds, tick)

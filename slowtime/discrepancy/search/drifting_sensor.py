@@ -18,15 +18,7 @@ Grow = Callable[[Hypothesis, SearchSettings, int], Hypothesis]
 def end_with_drift(
     step: SearchStep, how: SearchSettings, number: int, grow: Grow
 ) -> Hypothesis:
-    """Name a drift that is on no law's course, and what the other sensors say beside it.
-
-    Parameters
-    ----------
-    step
-        Its drift, and the fit that this is added to.
-    grow
-        Looks for effects in a hypothesis, from a number on.
-    """
+    """Name a drift that is on no law's course, and what the other sensors say beside it."""
     found, before, drift = step.hypothesis, step.base, step.drift
     assert before is not None
     assert drift is not None

@@ -30,9 +30,7 @@ def search_with_holds(
 ) -> tuple[Campaign, Hypothesis]:
     """Search, and once more under each hold of the inputs that what was found suggests.
 
-    Returns
-    -------
-    The campaign with what its inputs do between samples, and what was found.
+    The campaign is returned with what its inputs do between samples.
     """
     kinds, monitor = how.kinds, how.monitor
     stated = how.stated
@@ -71,10 +69,8 @@ def search_with_holds(
 def with_best_holds(
     campaign: Campaign, found: Hypothesis, stated: Sequence[Hold], how: SearchSettings
 ) -> tuple[Campaign, Hypothesis]:
-    """Take the hold that does best with all effects in, though another would pass, too.
-
-    What is left is noise under either; parameters are not the same.
-    """
+    """Take the hold that does best with all effects in, though another would pass, too."""
+    # What is left is noise under either hold; parameters are not the same.
     settled = how.decays or found.final or found.holds is not None or not found.effects
     if settled or not found.fits_whole_records:
         return campaign, found
@@ -107,12 +103,10 @@ def _under(found: Hypothesis, holds: tuple[Hold, ...], how: SearchSettings) -> H
 
 
 def leaves_less(found: Hypothesis, other: Hypothesis) -> bool:
-    """Return whether a hypothesis explains all, or leaves less than another.
-
-    One that is judged by segments of records explains these; whole records would not tell.
-    """
+    """Return whether a hypothesis explains all, or leaves less than another."""
     if found.last.chi2_in_band < LIMITS.explained_chi2:
         return True
+    # One that is judged by segments of records explains these; whole records would not tell.
     if len(found.trials) != len(other.trials):
         return len(found.trials) > len(other.trials)
     return unexplained_by(found.last) < unexplained_by(other.last)

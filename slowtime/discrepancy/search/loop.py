@@ -32,14 +32,7 @@ from .settings import SearchSettings
 def search(first: Fit, trials: tuple[Trial, ...], how: SearchSettings) -> Hypothesis:
     """Find the effects that a model lacks.
 
-    Parameters
-    ----------
-    first
-        Fit of the model as given, its constants free within their tolerances.
-    trials
-        The records that are fitted: parts of them, while windows grow.
-    how
-        What is searched for, by which steps, and who is told.
+    While windows grow, the trials are parts of the records.
     """
     tolerated = None if how.options.quick else refit_within_tolerances(first, trials)
     # Combinations are of laws at one element each, and take longer than all else.
@@ -64,12 +57,7 @@ def grow(
 ) -> Hypothesis:
     """Add effects to a hypothesis one after the other, until none is missing.
 
-    Parameters
-    ----------
-    number
-        Effects that were looked for before.
-    tolerated
-        The last fit with its constants held to their tolerances, where that is known.
+    `tolerated` is the last fit with its constants held to their tolerances, where known.
     """
     while number < how.options.most:
         step = _step(found, how, number, tolerated)
@@ -105,11 +93,9 @@ def _step(
 
 
 def _suggest_holds(found: Hypothesis, how: SearchSettings) -> Hypothesis:
-    """Suggest another hold of the inputs, under which what was found so far explains all.
-
-    It is asked after each effect: a step that was taken for a curve looks like one more. Which
-    effects there are has to be asked again, under that hold.
-    """
+    """Suggest another hold of the inputs, under which what was found so far explains all."""
+    # It is asked after each effect: a step that was taken for a curve looks like one more.
+    # Which effects there are has to be asked again, under that hold.
     if found.final or found.holds is not None or how.monitor.is_late:
         return found
     if not found.fits_whole_records or how.stated is None:

@@ -53,10 +53,7 @@ def shoot(
 ) -> Sequence[FittedCandidate]:
     """Fit candidates to segments first where their free run went astray; all, the best first.
 
-    Parameters
-    ----------
-    begun
-        Those that were fitted to how records go on already.
+    Candidates `begun` were fitted to how records go on already.
     """
     if how.asks_all(given.number):
         likely = worth_shooting(given, fitted)
@@ -92,13 +89,11 @@ def worth_shooting(given: Round, fitted: Sequence[FittedCandidate]) -> Sequence[
 def those_of_beginnings(
     given: Round, fitted: Sequence[FittedCandidate]
 ) -> Sequence[FittedCandidate]:
-    """Keep what explains how records begin, where the best leaves much of the whole.
-
-    It is one of two effects, though more may be left by it. The simpler law that it becomes
-    stays beside it.
-    """
+    """Keep what explains how records begin, where the best leaves much of the whole."""
     if not fitted or fitted[0].fit.chi2_in_band <= LIMITS.far_off_chi2:
         return fitted
+    # It is one of two effects, though more may be left by it. The simpler law that it becomes
+    # stays beside it.
     segments, initial = given.of(Segments().name), given.of(InitialSegments().name)
     of_segments = segments.begins if segments is not None else None
     of_beginnings = initial.begins if initial is not None else None

@@ -68,12 +68,7 @@ def next_effect(
 ) -> SearchStep:
     """Look for one effect more than a hypothesis has.
 
-    Parameters
-    ----------
-    number
-        Effects that were looked for before.
-    tolerated
-        The last fit with its constants held to their tolerances, where that is known.
+    `tolerated` is the last fit with its constants held to their tolerances, where known.
     """
     before = found.last
     pulled = bool(moved_of(before))
@@ -128,18 +123,9 @@ def extend(
 ) -> SearchStep:
     """Add the likeliest effect to a fit, where one is worth its parameters.
 
-    Parameters
-    ----------
-    before
-        The last fit, with constants held to their tolerances or not: effects are added to it.
-    number
-        Effects that were looked for before.
-    pulled
-        Whether constants have left their tolerances.
-    later_segments
-        Candidates that were fitted already, by how records go on.
-    localized
-        Where a force is missing from `before`, if that is known.
+    Constants of `before` are held to their tolerances or not; `pulled` says whether they have
+    left them. `later_segments` were fitted already, by how records go on; `localized` is where
+    a force is missing from `before`, if that is known.
     """
     monitor, share = how.monitor, 0.1 + 0.27 * number
     monitor("locating what is left", share)
@@ -201,8 +187,6 @@ class _Fits:
 
     Parameters
     ----------
-    given
-        The round, with all proposals and fits.
     step
         Of two effects at once, where they explain what none does alone.
     """

@@ -26,10 +26,6 @@ class SearchOptions:
     proposers
         Asked in order for candidates of the first effect; one of your own is put among them.
         None is asked about ambient records and imposed motion, which have other candidates.
-    later_proposers
-        The same for each further effect.
-    refiners
-        Steps taken in order after each effect.
     surface
         Shape of the force surface that is fitted where no law explains the records.
     """
@@ -55,12 +51,6 @@ class SearchSettings:
 
     Parameters
     ----------
-    kinds
-        Effects that may be named, by name.
-    monitor
-        Told the stage; says whether the budget is used up.
-    options
-        How thoroughly, and by which steps.
     stated
         What the model says of its inputs between samples; as it stands where not given.
     asked

@@ -87,15 +87,7 @@ def accept(
 ) -> SearchStep:
     """Add the best of the fitted candidates as an effect, if it is worth its parameters.
 
-    Parameters
-    ----------
-    fitted
-        Candidates, the best first.
-
-    Returns
-    -------
-    The step: with the effect; or with another hold of the inputs instead of it; or, not added,
-    with such a hold suggested.
+    The step has the effect, or another hold of the inputs instead of it; or suggests one.
     """
     short = in_pieces(fitted, kinds)
     states = before.states
@@ -174,10 +166,8 @@ def _by_another_hold(
 
 
 def _least_lead(best: FittedCandidate, kinds: Mapping[str, Kind], terms: Criteria) -> float:
-    """Log evidence that the best candidate has to bring.
-
-    Where a constant has left its tolerance, something is missing; the question is what.
-    """
+    """Log evidence that the best candidate has to bring."""
+    # Where a constant has left its tolerance, something is missing; the question is what.
     constant = terms.pulled and is_constant_change(kinds[best.effect.kind])
     return 0.0 if constant else LIMITS.least_log_evidence
 
@@ -189,12 +179,9 @@ def _worth_it(
     kinds: Mapping[str, Kind],
     terms: Criteria,
 ) -> tuple[list[FittedCandidate], list[float], bool] | None:
-    """Rank candidates by probability; None where the best is not worth being told.
+    """Rank candidates, with their probabilities; None where the best is not worth being told.
 
-    Returns
-    -------
-    Candidates, the most probable first; their probabilities; and whether constants whose
-    tolerance was stated too small took part.
+    Says, too, whether constants took part whose tolerance was stated too small.
     """
     missing = bare.cost - bare.data
     fitted = _limits_first(fitted, missing)
@@ -268,11 +255,9 @@ def _limits_first(named: Sequence[FittedCandidate], missing: float) -> list[Fitt
 def _least_gain(
     hypothesis: Hypothesis, best: FittedCandidate, bare: Fit, *, same_place: bool
 ) -> float:
-    """Chi squared that a later effect has to explain.
-
-    Long records tell the least flaw of what was found first from noise; and of noise that is
-    louder than it was taken to be, any law explains a speck, though none leaves it still.
-    """
+    """Chi squared that a later effect has to explain."""
+    # Long records tell the least flaw of what was found first from noise; and of noise that is
+    # louder than it was taken to be, any law explains a speck, though none leaves it still.
     negligible = LIMITS.negligible_share * _missing_at_first(hypothesis, best)
     leaves_noise = not same_place and _clears(bare, best.fit)
     return negligible if leaves_noise else max(NOTICEABLE_POWER * bare.data, negligible)

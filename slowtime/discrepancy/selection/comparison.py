@@ -32,10 +32,9 @@ def explains_all(hypothesis: Hypothesis) -> bool:
 
 
 def leaves_too_little(hypothesis: Hypothesis) -> bool:
-    """Return whether all that is left, noise included, is too little for another effect.
-
-    Whatever it explained of that, it would be negligible beside what was missing at first.
-    """
+    """Return whether all that is left, noise included, is too little for another effect."""
+    # Whatever another effect explained of that, it would be negligible beside what was missing
+    # at first.
     first, last, trials = hypothesis.first, hypothesis.last, hypothesis.trials
     if not hypothesis.effects or not hypothesis.fits_whole_records:
         return False
@@ -52,15 +51,7 @@ def better(
     """Give the likelier of two hypotheses, by the noise of the one that leaves least.
 
     One that suggests another hold of the inputs is followed, because it explains all under it.
-
-    Parameters
-    ----------
-    least
-        [nats] Log evidence that the second has to bring.
-
-    Returns
-    -------
-    `one` itself, or `other` with its probability beside `one`.
+    The second has to bring `least` log evidence [nats]; it is given with its probability.
     """
     if other.suggested_holds is not None:
         return other

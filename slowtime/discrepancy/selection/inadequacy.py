@@ -37,11 +37,8 @@ def _misfits(found: Hypothesis) -> tuple[float, float]:
 
 
 def closed_share(found: Hypothesis) -> float:
-    """Return the share of the gap between the first fit and the noise that the last one closes.
-
-    In logarithms of the mean square over the noise that the last fit leaves, so that each
-    factor counts alike.
-    """
+    """Return the share of the gap from the first fit to the noise that the last one closes."""
+    # In logarithms of the mean square, each factor counts alike.
     before, after = _misfits(found)
     return math.log(before / after) / math.log(before) if before > after else 0.0
 
@@ -55,10 +52,8 @@ def amplitude_left(found: Hypothesis) -> float:
 def law_probability(found: Hypothesis) -> float:
     """Probability that the laws found are the right ones, by what they leave unexplained.
 
-    Returns
-    -------
-    1 where what is left is near the noise, white, or hardly any of the gap; and where the last
-    effect follows no law, so that no free run can leave less.
+    It is 1 where what is left is near the noise, white, or hardly any of the gap; and where the
+    last effect follows no law, so that no free run can leave less.
     """
     if found.final:
         return 1.0

@@ -42,12 +42,8 @@ def temper_many_laws(
 ) -> list[NamedEffect]:
     """Give the answers, less sure where they may be patchwork for a law that is unknown.
 
-    Parameters
-    ----------
-    count
-        Of the effects that were added, those not told included.
-    alike
-        Whether a force on the structure would do to the sensors what the foremost does.
+    `count` includes effects that are not told. `alike` says whether a force on the structure
+    would do to the sensors what the foremost does.
     """
     pieced = {*pieces_of_one(answers, kinds), *_beside_constants(answers, kinds)}
     # What no law follows, at the base, may be what the laws that were named lack; or, where
@@ -68,10 +64,8 @@ def _shakes(answer: NamedEffect, kinds: Mapping[str, Kind]) -> bool:
 
 
 def _beside_constants(answers: Sequence[NamedEffect], kinds: Mapping[str, Kind]) -> set[Place]:
-    """Elements at which one law is a curve over what a constant that is off is straight in.
-
-    Both may be one curve between them: damping that grows with speed by a power below two.
-    """
+    """Elements at which one law is a curve over what a constant that is off is straight in."""
+    # Both may be one curve between them: damping that grows with speed by a power below two.
     labels = {(answer.effect.kind, answer.effect.place) for answer in answers}
     return {
         answer.effect.place

@@ -92,16 +92,8 @@ def name_in_combination(
 ) -> NamedEffect:
     """Name one of several effects that were fitted together.
 
-    Parameters
-    ----------
-    models
-        Combinations of effects, the likeliest first, with the probability of each [1].
-    instead
-        Which effects of a combination without this one are in its stead.
-
-    Returns
-    -------
-    The effect with the probability of all combinations that it is in.
+    Its probability is that of all combinations that it is in. `instead` gives the effects of a
+    combination without it that are in its stead.
     """
     probability, others = 0.0, dict[Label, float]()
     for labels, share in models:

@@ -14,19 +14,12 @@ from .many_laws import MANY_LAWS
 
 
 def refute(found: Hypothesis, first: int, kinds: Mapping[str, Kind]) -> Hypothesis:
-    """Doubt laws that do nothing of their own, and name the place of those refuted.
-
-    What leaves more than noise is judged by that: of real structures no law is quite true. Of
-    many laws, what is left is too little to be judged by: the more laws, the less it is.
-
-    Parameters
-    ----------
-    first
-        Effects that the model had as it was given.
-    """
+    """Doubt laws that do nothing of their own, and name the place of those refuted."""
     last = found.last
     if not found.effects or found.undecided or found.final:
         return found
+    # What leaves more than noise is judged by that: of real structures no law is quite true. Of
+    # many laws, what is left is too little to be judged by: the more laws, the less it is.
     patchwork = len(found.effects) >= MANY_LAWS and last.chi2_in_band < LIMITS.explained_chi2
     if chi2_p_value(last) <= LIMITS.coloured_p_value and not patchwork:
         return found

@@ -44,13 +44,7 @@ def shortlist(
     number: int,
     quick: bool,
 ) -> list[Candidate]:
-    """Choose what is refitted: fewer of the later effects, and where there is one already.
-
-    Parameters
-    ----------
-    tried
-        Laws with what they explain of the force, the best first.
-    """
+    """Choose what is refitted: fewer of the later effects, and where there is one already."""
     # Twice at one place: what no single law explains there is more likely a law unknown.
     again = any(a.effect.place in located.groups[0].places for a in hypothesis.effects)
     # No force at one place does it: which of two comes first matters less than both.

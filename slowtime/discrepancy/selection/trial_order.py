@@ -21,10 +21,7 @@ the value: half and double change no answer."""
 class TrialOrder:
     """Tells which candidate is refitted; says when there is no time, and keeps which it was.
 
-    Parameters
-    ----------
-    far
-        Labels of candidates that are far behind: those are the first to go.
+    Candidates `far` behind are the first to go.
     """
 
     def __init__(

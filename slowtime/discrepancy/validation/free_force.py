@@ -127,10 +127,6 @@ class ScoreTest:
     ----------
     gain, degrees
         Chi squared that it would explain, and its degrees of freedom.
-    spread
-        One standard deviation of its strengths along each direction that is determined [N].
-    steps
-        Estimate along each of these directions, in standard deviations.
     """
 
     gain: float
@@ -145,10 +141,6 @@ class FreeForce:
 
     Parameters
     ----------
-    names, values
-        Of the free constants and parameters; initial states come after them.
-    curves
-        Mask of the unknowns that are strengths of the free force.
     rest
         Cholesky factor of the equations without the free force.
     """
@@ -165,13 +157,7 @@ class FreeForce:
     def of(
         cls, fit: Fit, free: Effect, trials: Sequence[Trial], kinds: Mapping[str, Kind]
     ) -> "FreeForce":
-        """Add a free force to the model of a fit, and linearise there.
-
-        Parameters
-        ----------
-        free
-            The free force, all its strengths zero.
-        """
+        """Add a free force, all its strengths zero, to a model, and linearise there."""
         own = {kind.name: kind for kind in (CURVE_KIND, LAG_KIND)}
         both = carry_effect(fit, free, {**kinds, **own})
         prior = prior_of(both.plant)

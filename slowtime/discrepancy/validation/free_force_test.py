@@ -40,11 +40,7 @@ docs/decisions/0026; one in twenty."""
 class LawDoubt:
     """Evidence against the laws that were named at an element.
 
-    Parameters
-    ----------
-    idle
-        Numbers of the laws that the others make needless, which refutes none of them; where
-        there are none, the laws are refuted.
+    Laws `idle` are those that the others make needless; without any, the laws are refuted.
     """
 
     place: Place
@@ -135,11 +131,9 @@ def _distance_to_small_force(
     steps: Float[np.ndarray, " direction"],
     most: float,
 ) -> float:
-    """Squared distance [sd²] to the nearest force of a root mean square up to `most` [N].
-
-    A quadratic with one quadratic constraint, solved by its Lagrange multiplier. `power` holds
-    mean products of the forces of one standard deviation along each direction [N²].
-    """
+    """Squared distance [sd²] to the nearest force of a root mean square up to `most` [N]."""
+    # A quadratic with one quadratic constraint, solved by its Lagrange multiplier. `power`
+    # holds mean products of the forces of one standard deviation along each direction [N²].
     squares, turned = np.linalg.eigh(power)
     squares, along = np.maximum(squares, 0.0), turned.T @ steps
 

@@ -44,10 +44,7 @@ def evaluation_trials(
 def learnt_and_unseen(
     trials: tuple[Trial, ...], holdout: tuple[Trial, ...]
 ) -> tuple[tuple[Trial, ...], tuple[Trial, ...]]:
-    """Give the records that are fitted once, and those for evaluation.
-
-    Where none is held out, the last third of each record is.
-    """
+    """Give the records that are fitted once, and those for evaluation."""
     tests = evaluation_trials(trials, holdout)
     return (trials if holdout else heads_of(trials) or trials), tests
 
@@ -71,13 +68,7 @@ def heads_of(trials: Sequence[Trial]) -> tuple[Trial, ...]:
 def refit_on_heads(
     fit: Fit, trials: Sequence[Trial], free: Sequence[Name] | None = None
 ) -> Fit:
-    """Refit a model to all but the tails of records; the given fit where that diverges.
-
-    Parameters
-    ----------
-    free
-        Constants that are fitted; all where not given.
-    """
+    """Refit a model to all but the tails of records; the given fit where that diverges."""
     heads = heads_of(trials)
     if not heads:
         return fit
@@ -92,14 +83,8 @@ def refit_on_heads(
 def free_runs(fit: Fit, trials: Sequence[Trial]) -> list[Series]:
     """Simulate the model of a fit on other records.
 
-    Parameters
-    ----------
-    trials
-        Records; initial states are estimated from the first samples of each.
-
-    Returns
-    -------
-    Outputs (time, sensor) of each trial, in the sensors' units.
+    Initial states are estimated from the first samples of each; outputs (time, sensor) are in
+    the sensors' units.
     """
     runs = []
     for trial in trials:
@@ -134,17 +119,15 @@ def _noise_of_first_record(fit: Fit) -> Noise:
 
 
 def _initial_state(fit: Fit, part: Trial, noise: Noise) -> Float[np.ndarray, " state"]:
-    """Estimate the initial state from the first samples.
-
-    A joint that sticks does not determine its speed: with effects, fits start from the state
-    of the model without them, too.
-    """
+    """Estimate the initial state from the first samples."""
     plant, values = fit.plant, fit.values
     bare = Plant.of(dataclasses.replace(plant.description, effects=()), kinds=plant.kinds)
     known = dict(zip(plant.parameters, values.tolist(), strict=True))
     own = np.array([known[name] for name in bare.parameters])
     straight = _fit_initial_state(bare, part, noise, own, None)
     found = [straight]
+    # A joint that sticks does not determine its speed: with effects, fits start from the state
+    # of the model without them, too.
     if plant.effects:
         state = (
             {}
@@ -193,13 +176,6 @@ def relative_errors(
 ) -> Float[np.ndarray, " sensor"]:
     """Root mean square error of free runs over the standard deviation of the outputs.
 
-    Parameters
-    ----------
-    runs
-        Simulated outputs (time, sensor) of each.
-
-    Returns
-    -------
     By sensor [1]; 0 for one without variation, 1e6 for a run that is not finite.
     """
     found = []
@@ -226,12 +202,7 @@ def noise_of_runs(fit: Fit, trials: tuple[Trial, ...], runs: Sequence[Series]) -
 
 
 def noise_floor_error(trials: Sequence[Trial], noise: Noise) -> float:
-    """Relative error that the sensors' noise alone causes: see `relative_errors`.
-
-    Returns
-    -------
-    The mean over the sensors [1].
-    """
+    """Relative error that the sensors' noise alone causes, averaged over them [1]."""
     share = np.array([t.used.mean(axis=0) for t in trials])
     power = np.array([noise.sd(i, t.rate_hz) ** 2 for i, t in enumerate(trials)])
     power = np.sum(share * power, axis=0) / np.maximum(share.sum(axis=0), 1e-12)

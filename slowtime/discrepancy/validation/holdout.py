@@ -35,13 +35,8 @@ instability. Source: docs/what_decides.md: half and double change no answer."""
 def is_confirmed_on_holdout(fit: Fit, error: float, tests: Sequence[Trial]) -> bool:
     """Whether held-out records agree with a model that leaves noise only.
 
-    Either the error there is that of noise; or the model, refitted to each record, leaves noise
-    only and has the same parameters within their uncertainty.
-
-    Parameters
-    ----------
-    error
-        Of its free runs on these records, over that of noise alone [1].
+    Either the error of free runs there is that of noise; or the model, refitted to each record,
+    leaves noise only and has the same parameters within their uncertainty.
     """
     samples = sum(len(trial.outputs) for trial in tests)
     if error < 1 + max(MAX_EXCESS, MAX_EXCESS_SDS / np.sqrt(2 * samples)):

@@ -89,8 +89,6 @@ class FilledCovariate:
         Scaled values [1]; interpolated where they were missing.
     sd
         Standard deviation of the interpolated values [1]; 0 where they were measured.
-    centre, scale
-        ``covariate = centre + scale * values``, in `unit`.
     """
 
     name: str
@@ -144,18 +142,8 @@ def checked_history(
 ) -> FeatureHistory:
     """Check a history, drop epochs that are not finite, and sort the others by time.
 
-    Parameters
-    ----------
-    slow_time, value, sd
-        One for each epoch, in any order, in the user's units.
-    covariates
-        At the same epochs.
-
-    Raises
-    ------
-    ValueError
-        If lengths differ, names repeat, too few epochs are usable, or no standard deviation
-        is positive.
+    Raises `ValueError` if lengths differ, names repeat, too few epochs are usable, or no
+    standard deviation is positive.
     """
     lengths = {"value": len(value), "sd": len(sd)}
     lengths |= {f"covariate {c.name!r}": len(c.values) for c in covariates}
@@ -190,12 +178,10 @@ def checked_history(
 
 
 def scale_history(past: FeatureHistory) -> ScaledHistory:
-    """Scale time, values and covariates; drop covariates that are constant or mostly missing.
-
-    The scale of the values is their standard deviation without those beyond six robust ones.
-    """
+    """Scale time, values and covariates; drop those that are constant or mostly missing."""
     start, span = float(past.time[0]), float(past.time[-1] - past.time[0])
     centre = float(np.median(past.value))
+    # Values beyond six robust standard deviations do not count for the scale.
     away = np.abs(past.value - centre)
     kept = past.value[away <= 6.0 * 1.4826 * max(float(np.median(away)), 1e-300)]
     scale = max(float(np.std(kept)), float(np.median(past.sd)), 1e-300)
@@ -218,12 +204,7 @@ def scale_history(past: FeatureHistory) -> ScaledHistory:
 def fill_covariate(time: Series, covariate: Covariate) -> FilledCovariate:
     """Scale a covariate and fill its gaps by Gaussian-process regression on itself.
 
-    Parameters
-    ----------
-    time
-        Scaled time [1], ascending.
-    covariate
-        In its unit, with at least one finite value.
+    It has at least one finite value; times are scaled [1] and ascending.
     """
     known = np.isfinite(covariate.values)
     centre, scale = float(covariate.values[known].mean()), float(covariate.values[known].std())

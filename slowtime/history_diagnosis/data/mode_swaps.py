@@ -29,13 +29,7 @@ double change no answer."""
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class ModeSwap:
-    """Readings of another mode.
-
-    Parameters
-    ----------
-    offset, sd
-        Distance of the other mode, and its standard deviation, in the unit of the values.
-    """
+    """Readings of another mode."""
 
     which: Bool[np.ndarray, " time"]
     offset: float
@@ -46,17 +40,8 @@ def find_mode_swap(residual: Series) -> ModeSwap | None:
     """Find readings that leave their neighbours on both sides by one and the same offset.
 
     Ordinary outliers may lie anywhere in the range that they span. The test is the binomial
-    log-likelihood ratio that most of them lie in one narrow part of it.
-
-    Parameters
-    ----------
-    residual
-        Readings without what follows the covariates, ascending in time, in any unit. They may
-        contain steps and sawteeth, whose readings agree with their neighbours on one side.
-
-    Returns
-    -------
-    The readings and their offset; None if there is no cluster.
+    log-likelihood ratio that most of them lie in one narrow part of it. Residuals are ascending
+    in time; steps and sawteeth in them agree with their neighbours on one side.
     """
     noise = 1.4826 * float(np.median(np.abs(np.diff(residual)))) / np.sqrt(2.0)
     before = residual - _median_before(residual)

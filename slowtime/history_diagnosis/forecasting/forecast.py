@@ -134,10 +134,7 @@ def follow(
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class _LaterEpochs:
-    """Later epochs in the scale of the history, whose own epochs come first.
-
-    Lags need the covariates of the history; `past` is the number of its epochs.
-    """
+    """Later epochs in the scale of the history, whose own epochs come first."""
 
     time: Float[np.ndarray, " whole"]
     sd: Float[np.ndarray, " later"]

@@ -179,11 +179,9 @@ def _covariance_factor(
     spreads: Point,
     box: Float[np.ndarray, "coordinate 2"],
 ) -> Float[np.ndarray, "coordinate coordinate"]:
-    """Factor of the covariance around a peak, by differences as wide as the peak itself.
-
-    A lag and the length of the random process compensate each other: along that ridge the peak
-    is wider than along either coordinate.
-    """
+    """Factor of the covariance around a peak, by differences as wide as the peak itself."""
+    # A lag and the length of the random process compensate each other: along that ridge the
+    # peak is wider than along either coordinate.
     count = len(peak)
     curvature = np.eye(count)
     for i in range(count):

@@ -46,12 +46,7 @@ docs/what_decides.md: half and double change no answer."""
 class ShapeAxis:
     """Range of one shape parameter.
 
-    Parameters
-    ----------
-    grid
-        Values that the first scan tries.
-    finest
-        Differences below this do not matter.
+    Differences below `finest` do not matter.
     """
 
     name: str
@@ -71,8 +66,6 @@ class HistoryLaw:
         Name in the report; several laws may share one, as with and without lag.
     covariate
         Index of the covariate; None for time alone.
-    axes
-        One for each shape parameter.
     regressors
         Function of times, covariate and shape.
     width
@@ -132,10 +125,7 @@ class HistoryLaw:
 def candidate_laws(past: ScaledHistory, time_unit: str) -> tuple[HistoryLaw, ...]:
     """List all laws that can be tried on a history.
 
-    Parameters
-    ----------
-    time_unit
-        Unit of slow time; calendar periods are added if it is one of time.
+    Calendar periods are added if the unit is one of time.
     """
     found = list(_time_laws(past, time_unit))
     for index, covariate in enumerate(past.covariates):

@@ -41,8 +41,6 @@ class LaplaceFit:
     ----------
     log_evidence
         Integrated over shapes and process, relative to other laws of the same readings [nats].
-    peak
-        At the maximum itself [nats].
     spreads
         Standard deviation of each shape parameter, then of the logarithms of standard
         deviation and length of the process.
@@ -61,16 +59,10 @@ class ShapeSpace:
 
     Parameters
     ----------
-    before
-        Terms whose shapes are fixed.
     free, process
         Terms whose shapes are free, and the process, whose smoothness is fixed.
-    box
-        Bounds of each coordinate.
     finest
         Differences of each coordinate that do not matter.
-    steps
-        First steps of a search.
     """
 
     before: tuple[Term, ...]
@@ -156,11 +148,9 @@ def fit_variants(
 
 
 def add_variants(fits: Sequence[LaplaceFit]) -> LaplaceFit:
-    """Return the best of several fits, with the evidence of all variants of the process.
-
-    Of several fits with one variant the best counts.
-    """
+    """Return the best of several fits, with the evidence of all variants of the process."""
     best: dict[tuple[float, bool], float] = {}
+    # Of several fits with one variant the best counts.
     for fit in fits:
         key = process_variant(fit.process)
         own = fit.log_evidence + log_process_prior(fit.process)
@@ -210,13 +200,6 @@ def maximize_evidence(
     The integral is the product of the widths of the peak, relative to the ranges: a parameter
     whose peak is as wide as its range costs nothing. Widths are found by walking until the
     evidence has dropped, because some shapes, such as the time of a step, have no derivative.
-
-    Parameters
-    ----------
-    before
-        Terms whose shapes are fixed.
-    free, process
-        Start of the free terms and of the process.
     """
     space = shape_space(readings, before, free, process)
     score = evidence_function(readings, space)
@@ -245,14 +228,12 @@ def maximize_evidence(
 def evidence_function(
     readings: ScreenedHistory, space: ShapeSpace
 ) -> Callable[[np.ndarray], float]:
-    """Return the log-evidence as a function of points of a space; minus infinity outside.
-
-    Regressors are computed once for each shape, because most steps of a search change only
-    the process.
-    """
+    """Return the log-evidence as a function of points of a space; minus infinity outside."""
     past = readings.past
     fixed = design(space.before, past.time, past.covariates)
     shape_count = sum(len(term.law.axes) for term in space.free)
+    # Regressors are computed once for each shape, because most steps of a search change only
+    # the process.
     drawn: dict[bytes, tuple[np.ndarray, np.ndarray, np.ndarray] | None] = {}
 
     def draw(terms: tuple[Term, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:

@@ -67,10 +67,8 @@ def level_power(level: Series, exponent: float) -> Columns:
 
 
 def free_curve(values: Series) -> Columns:
-    """Return six Legendre polynomials of a covariate that is squashed into (-1, 1) by tanh.
-
-    The squashing, at 2.5 standard deviations, bounds the curve beyond the history.
-    """
+    """Return six Legendre polynomials of a covariate that is squashed into (-1, 1) by tanh."""
+    # The squashing, at 2.5 standard deviations, bounds the curve beyond the history.
     tame = np.tanh(values / 2.5)
     return np.polynomial.legendre.legvander(tame, 6)[:, 1:]
 
@@ -110,12 +108,10 @@ def sawtooth(time: Series, cycles: float, phase: float) -> Columns:
 
 @no_type_check
 def irregular_sawtooth(time: Series, falls: list[float]) -> Columns:
-    """Return the time since the last fall, and whether none has happened yet.
-
-    The second column is the level of the first tooth, whose beginning is not known.
-    """
+    """Return the time since the last fall, and whether none has happened yet."""
     last = np.concatenate([[0.0], np.sort(falls)])
     tooth = np.searchsorted(last[1:], time, side="right")
+    # The second column is the level of the first tooth, whose beginning is not known.
     return np.column_stack([time - last[tooth], (tooth == 0).astype(float)])
 
 

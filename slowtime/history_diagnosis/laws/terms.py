@@ -115,13 +115,7 @@ def gap_variance(
     covariates: tuple[FilledCovariate, ...],
     mean: Float[np.ndarray, " coefficient"],
 ) -> Series:
-    """Return the variance that interpolated covariates add to the readings [scale²].
-
-    Parameters
-    ----------
-    time, covariates
-        Epochs, and covariates with the standard deviations of their values.
-    """
+    """Return the variance that interpolated covariates add to the readings [scale²]."""
     columns = design(terms, time, covariates)
     total = np.zeros(len(time))
     for index, covariate in enumerate(covariates):

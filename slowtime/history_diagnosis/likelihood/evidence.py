@@ -33,12 +33,8 @@ class CoefficientPosterior:
 
     Parameters
     ----------
-    mean
-        Posterior mean of :math:`\beta`.
     factor
         Lower Cholesky factor of its precision, for :math:`\kappa = 1`.
-    quadratic
-        Residual sum of squares, prior included, in units of the stated noise [1].
     log_evidence
         Up to a constant that is the same for all laws of the same readings [nats].
     """
@@ -68,10 +64,7 @@ def coefficient_posterior(
 ) -> CoefficientPosterior:
     r"""Posterior of the coefficients from whitened columns.
 
-    Parameters
-    ----------
-    filtered
-        Whitened columns: first the reading, then one regressor for each coefficient.
+    The first column is the reading, the others are one regressor for each coefficient.
     """
     reading, columns = filtered.white[:, 0], filtered.white[:, 1:]
     precision = columns.T @ columns
@@ -98,10 +91,8 @@ def log_evidence(
     prior_variance: Float[np.ndarray, " coefficient"],
     count: int,
 ) -> float:
-    """Log-evidence of a law [nats], without its coefficients.
-
-    Unchecked, because a search for the best process calls it thousands of times.
-    """
+    """Log-evidence of a law [nats], without its coefficients."""
+    # Unchecked, because a search for the best process calls it thousands of times.
     gram, log_determinant = whitened_gram(process, step, variance, columns)
     inner = np.arange(len(prior_variance))
     gram[inner, inner] += 1.0 / prior_variance
@@ -120,12 +111,9 @@ def log_evidence_of_additions(
 ) -> Float[np.ndarray, " candidate"]:
     """Log-evidence of a law with each of many additions [nats].
 
-    Parameters
-    ----------
-    base
-        Whitened reading, then the regressors that the law has already.
-    white, variance
-        Whitened regressors of each candidate, and prior variances of their coefficients.
+    `base` is the whitened reading, then the regressors that the law has already; `white` and
+    `variance` are the whitened regressors of each candidate, and prior variances of their
+    coefficients.
     """
     each, width = white.shape[1:]
     reading, columns = base.white[:, 0], base.white[:, 1:]

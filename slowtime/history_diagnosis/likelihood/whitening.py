@@ -57,12 +57,8 @@ class FilterResult:
     ----------
     white
         Innovations scaled to unit variance [1]; 0 where the reading was not used.
-    spread
-        Variance of each innovation before scaling.
     log_determinant
         Of the covariance of the readings used [nats].
-    time
-        Of the last reading.
     mean, covariance
         State at that time; one mean for each column.
     """
@@ -139,10 +135,8 @@ def whitened_gram(
     variance: Float[np.ndarray, " time"],
     columns: Float[np.ndarray, "time column"],
 ) -> tuple[Float[np.ndarray, "column column"], float]:
-    """Products of the whitened columns with each other, and the log-determinant.
-
-    Unchecked, because a search for the best process calls it thousands of times.
-    """
+    """Products of the whitened columns with each other, and the log-determinant."""
+    # Unchecked, because a search for the best process calls it thousands of times.
     start = process.start
     mean = np.zeros((len(start), columns.shape[1]))
     white, _, log_determinant = _filter(process, step, variance, columns, mean, start)

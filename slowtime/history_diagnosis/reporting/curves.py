@@ -48,10 +48,7 @@ def scatter_gap(nominal: MixtureModel, augmented: MixtureModel) -> ScatterGap:
 def ljung_box_p_value(model: MixtureModel) -> float:
     """Return the p-value of the autocorrelation of the prediction errors [1].
 
-    References
-    ----------
-    G. M. Ljung and G. E. P. Box, "On a measure of lack of fit in time series models",
-    Biometrika 65 (1978), 297-303.
+    Source: G. M. Ljung and G. E. P. Box, Biometrika 65 (1978), 297-303.
     """
     residual, sd = _prediction_errors(model)
     residual = (residual / sd)[model.readings.mask]
@@ -66,10 +63,7 @@ def ljung_box_p_value(model: MixtureModel) -> float:
 def effect_curve(model: MixtureModel, place: int) -> EffectCurve | None:
     """Return one effect as a function of what it follows, and the readings without all others.
 
-    Parameters
-    ----------
-    place
-        Index of the term; a term of the noise has no curve.
+    A term of the noise has no curve.
     """
     readings, best = model.readings, model.members[0]
     past, term = readings.past, best.terms[place]
@@ -105,13 +99,11 @@ def effect_curve(model: MixtureModel, place: int) -> EffectCurve | None:
 def _prediction_errors(
     model: MixtureModel,
 ) -> tuple[Float[np.ndarray, " time"], Float[np.ndarray, " time"]]:
-    """Errors of predicting each reading from those before it, and their expected sd [scale].
-
-    By the best member, with coefficients that know all readings; outliers are predicted too,
-    but not learnt from.
-    """
+    """Errors of predicting each reading from those before it, and their expected sd [scale]."""
     readings, best = model.readings, model.members[0]
     past = readings.past
+    # By the best member, with coefficients that know all readings; outliers are predicted too,
+    # but not learnt from.
     found, _ = solve(readings, best.terms, best.process)
     residual = past.value - design(best.terms, past.time, past.covariates) @ found.mean
     stated = stated_variance(readings, best.terms)

@@ -18,10 +18,7 @@ Moments = tuple[float, float, str]
 class ReportUnits:
     """Units in which values and slow times are reported.
 
-    Parameters
-    ----------
-    factor
-        From the unit of the values to that one: 100 from ratios to per cent.
+    `factor` leads from the unit of the values to that one: 100 from ratios to per cent.
     """
 
     value: str
@@ -42,10 +39,7 @@ def effect_parameters(
 ) -> dict[str, Number]:
     """Return the parameters of one term, averaged over a mixture.
 
-    Parameters
-    ----------
-    members
-        The mixture; its spread is part of each standard deviation.
+    The spread of the mixture is part of each standard deviation.
     """
     told = []
     for member in members:

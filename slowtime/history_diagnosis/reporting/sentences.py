@@ -94,15 +94,7 @@ def _predicate(name: str, told: dict[str, str], followed: str) -> str:
 
 
 def suggest_experiment(names: list[str], followed: dict[str, str], span: str) -> str:
-    """Suggest what to record so that undecided laws can be told apart.
-
-    Parameters
-    ----------
-    names
-        Of the undecided laws; "nothing_missing" may be one.
-    followed
-        Covariate of each law that follows one.
-    """
+    """Suggest what to record so that undecided laws can be told apart."""
     covariates = sorted({followed[name] for name in names if name in followed})
     timed = [name for name in names if name not in followed and name != "nothing_missing"]
     if len(covariates) > 1:

@@ -55,13 +55,7 @@ def summarize(
     swap: ModeSwap | None,
     departed: ModeDeparture | None,
 ) -> HistoryReport:
-    """Return the report of a diagnosis.
-
-    Parameters
-    ----------
-    swap, departed
-        Faults of sensors, if there are any.
-    """
+    """Return the report of a diagnosis."""
     subject, unit, factor = _SUBJECTS[quantity]
     units = ReportUnits(unit, factor, time_unit)
     past, mask = augmented.readings.past, augmented.readings.mask

@@ -70,10 +70,6 @@ class ComparedFit:
     ----------
     fit
         All terms with the candidate; the terms before it alone for no further term.
-    law
-        The law that was added; None for no further term.
-    probability
-        Among all candidates of the comparison.
     """
 
     fit: LaplaceFit
@@ -83,15 +79,7 @@ class ComparedFit:
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class RankedLaw:
-    """All variants of one law for one covariate.
-
-    Parameters
-    ----------
-    covariate
-        Its index; None for a law of time.
-    best
-        The most probable variant.
-    """
+    """All variants of one law for one covariate."""
 
     name: str
     covariate: int | None
@@ -134,8 +122,6 @@ class SelectionResult:
 
     Parameters
     ----------
-    nominal, augmented
-        Fits without any term, and with all of them.
     comparisons
         One for each term of `augmented`: what else could stand in its place.
     last
@@ -155,15 +141,7 @@ def select_terms(
     most: int,
     progress: Callable[[str, float], None],
 ) -> SelectionResult:
-    """Add terms while the evidence demands one, and reconsider earlier terms each time.
-
-    Parameters
-    ----------
-    most
-        Most terms that are added.
-    progress
-        Called with the stage and the share that is done.
-    """
+    """Add terms while the evidence demands one, and reconsider earlier terms each time."""
     comparisons: list[ModelComparison] = []
     terms: tuple[Term, ...] = ()
     while True:
@@ -202,12 +180,10 @@ def compare_laws(
 def _compare_robustly(
     readings: ScreenedHistory, laws: tuple[HistoryLaw, ...], before: tuple[Term, ...]
 ) -> tuple[ScreenedHistory, ModelComparison]:
-    """Compare laws until the winner does not depend on a few influential readings.
-
-    Any law of an uncommon day explains a wrong reading on it. Readings without which the winner
-    is no better than no further term are barred.
-    """
+    """Compare laws until the winner does not depend on a few influential readings."""
     found = compare_laws(readings, laws, before)
+    # Any law of an uncommon day explains a wrong reading on it. Readings without which the
+    # winner is no better than no further term are barred.
     for _ in range(_RESCREENINGS):
         winner = found.options[0]
         if winner.law is None or not winner.law.width:

@@ -53,15 +53,7 @@ class ScanResult:
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class GridScan:
-    """Results for all laws, best first, and the evidence of no further term.
-
-    Parameters
-    ----------
-    nothing
-        Log-evidence of no further term [nats].
-    results
-        One for each law, in descending order of score.
-    """
+    """Results for all laws, best first, and the evidence of no further term."""
 
     nothing: float
     process: MaternProcess

@@ -42,13 +42,7 @@ _TIME_FAMILIES = ("step", "sawtooth", "drift", "periodic")
 def add_irregular_sawtooth(
     readings: ScreenedHistory, before: tuple[Term, ...], scanned: GridScan
 ) -> GridScan:
-    """Add the best irregular sawtooth to a scan, if there may be one.
-
-    Parameters
-    ----------
-    scanned
-        Results for all other laws.
-    """
+    """Add the best irregular sawtooth to a scan, if there may be one."""
     timed = (r.score for r in scanned.results if r.law.family in _TIME_FAMILIES)
     if max(timed, default=-np.inf) < _LEAST_HINT:
         return scanned

@@ -25,15 +25,7 @@ change no answer."""
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class ModeDeparture:
-    """A mode that stepped away from the others.
-
-    Parameters
-    ----------
-    time
-        Of the step, in the unit of slow time.
-    offset
-        Size of the step, in the unit of the values.
-    """
+    """A mode that stepped away from the others."""
 
     mode: int
     time: float
@@ -46,11 +38,8 @@ def mode_average(
 ) -> tuple[Series, Series]:
     """Return the weighted mean of the modes read at each epoch, and its standard deviation.
 
-    Parameters
-    ----------
-    value, sd
-        Of each mode; NaN where missing. Each mode is averaged about its own median, with the
-        inverse of its median variance as weight.
+    Each mode is averaged about its own median, with the inverse of its median variance as
+    weight; values are NaN where missing.
     """
     weight = 1.0 / np.nanmedian(np.where(sd > 0.0, sd, np.nan), axis=0) ** 2
     level = np.nanmedian(value, axis=0)
@@ -68,13 +57,7 @@ def mode_average(
 def find_departure(
     slow_time: Series, value: Float[np.ndarray, "time mode"], sd: Float[np.ndarray, "time mode"]
 ) -> ModeDeparture | None:
-    """Find the mode that steps away while the others do not step.
-
-    Parameters
-    ----------
-    value, sd
-        Of each mode; NaN where missing.
-    """
+    """Find the mode that steps away while the others do not step."""
     found = []
     for mode in range(value.shape[1]):
         others, others_sd = mode_average(

@@ -36,16 +36,9 @@ def inlier_mask(
     known: Float[np.ndarray, "time column"],
     barred: Bool[np.ndarray, " time"],
 ) -> Bool[np.ndarray, " time"]:
-    """Return which readings agree with those before them or with those after.
-
-    Flexible functions of all covariates are fitted along, so that a rare cold day or a strong
-    vibration is not mistaken for a wrong reading. A lasting change agrees with one side.
-
-    Parameters
-    ----------
-    known
-        Regressors of the terms found so far; may have no column.
-    """
+    """Return which readings agree with those before them or with those after."""
+    # Flexible functions of all covariates are fitted along, so that a rare cold day or a strong
+    # vibration is not mistaken for a wrong reading. A lasting change agrees with one side.
     columns = np.column_stack([_flexible_design(past), known])
     mask = ~barred
     for _ in range(_PASSES):
@@ -137,13 +130,11 @@ def _predicted(
     mask: Bool[np.ndarray, " time"],
     found: CoefficientPosterior,
 ) -> tuple[Series, Series]:
-    """Prediction errors over their standard deviations, and these.
-
-    A reading that was used has drawn the coefficients towards itself, the more the rarer its
-    covariates: its residual is studentised by its leverage.
-    """
+    """Prediction errors over their standard deviations, and these."""
     errors, variance = one_step_errors(process, time, sd**2, mask, stacked)
     spread = np.sqrt(variance)
+    # A reading that was used has drawn the coefficients towards itself, the more the rarer its
+    # covariates: its residual is studentised by its leverage.
     pull = solve_triangular(found.factor, errors[:, 1:].T / spread, lower=True)
     leverage = np.sum(pull**2, axis=0)
     unit = np.where(mask, np.sqrt(np.maximum(1.0 - leverage, 0.02)), np.sqrt(1.0 + leverage))

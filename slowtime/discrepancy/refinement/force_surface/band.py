@@ -22,17 +22,11 @@ def surface_band(
 
     The force is linear in its coefficients, so that within the measured range
     :math:`\sigma^2 = j^T C j` with their covariance :math:`C`, inflated where the model leaves
-    more than noise. Coefficients that are bounded, in a monotone surface, have that
-    distribution within their bounds, and :math:`C` is their mean square about the fit. Beyond
-    the measured range, the standard deviation of the prior of a coefficient is added
-    for each half range of elongation or speed.
-
-    Parameters
-    ----------
-    number
-        Of the surface among the effects; the last where not given.
-    instantaneous
-        Whether each point stands by itself: the part that depends on past motion is left out.
+    more than noise.
+    Coefficients that are bounded, in a monotone surface, have that distribution within their
+    bounds, and :math:`C` is their mean square about the fit. Beyond the measured range, the
+    standard deviation of the prior of a coefficient is added for each half range of elongation
+    or speed. An `instantaneous` band leaves out the part that depends on past motion.
     """
     at = number % len(fit.plant.effects)
     effect = fit.plant.effects[at]

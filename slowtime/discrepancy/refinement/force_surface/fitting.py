@@ -60,8 +60,6 @@ class SurfaceFit:
 
     Parameters
     ----------
-    finished
-        Whether the fit came to its end within the budget.
     shaped
         Terms that were chosen on the recovered force, the shape of the surface, and demands
         that the records contradict.
@@ -96,23 +94,11 @@ def fit_force_surface(
 ) -> SurfaceFit | None:
     """Fit a force surface at the likeliest element, with all constants, to the free run.
 
-    Parameters
-    ----------
-    localized
-        Where a force explains what that leaves.
-    max_work
-        Budget [units of work] of a diagnosis without a shorter time limit, which gets its share
-        of that; as much again where that fit ends in a wrong minimum, or leaves more than noise
-        with the shape that was demanded or chosen.
-    demand
-        Shape that the surface is to have, where the records allow it.
-    flat
-        Whether to begin without the force, instead of with the recovered one.
-
-    Returns
-    -------
-    The fitted surface; None where no element is likely, no force is told from noise, or the
-    free run diverges.
+    The budget `max_work` [units of work] is that of a diagnosis without a shorter time limit,
+    which gets its share of it; as much again where that fit ends in a wrong minimum, or leaves
+    more than noise with the shape that was demanded or chosen. A `flat` surface begins without
+    the force instead of with the recovered one. None where no element is likely, no force is
+    told from noise, or the free run diverges.
     """
     place = next(
         (p for group in localized.groups for p in group.places if p.kind == "element"), None
@@ -150,10 +136,7 @@ def _better_of(
     *,
     demanded: bool,
 ) -> SurfaceFit | None:
-    """Give up a shape where the free run of a surface without it fits far better.
-
-    That the records contradict a shape is told where somebody demanded it.
-    """
+    """Give up a shape where the free run of a surface without it fits far better."""
     if other is None:
         return found
     loss = np.inf
@@ -166,6 +149,7 @@ def _better_of(
         more = max(len(other.free) - len(found.free), 1)
         if loss <= max(MAX_LOSS, float(chdtri(more, MIN_P_VALUE)) / 2):
             return found
+    # That the records contradict a shape is told where somebody demanded it.
     if not demanded:
         return other
     refused = (*shaped.refused, (shaped.shape.words, loss))
@@ -180,12 +164,10 @@ def _fit_terms(
     kinds: Mapping[str, Kind],
     max_work: float,
 ) -> SurfaceFit | None:
-    """Fit a surface of chosen terms, with all constants; None where its free run diverges.
-
-    Leading terms are fitted first. Many small ones are there only because the recovered motion
-    is not exact, and with them a free run may diverge before they are fitted.
-    """
+    """Fit a surface of chosen terms, with all constants; None where its free run diverges."""
     terms = shaped.terms
+    # Leading terms are fitted first. Many small ones are there only because the recovered
+    # motion is not exact, and with them a free run may diverge before they are fitted.
     led = _fit_from_force(shaped, terms.leading, before, space, trials, kinds, max_work)
     if terms.leading.keys() == terms.coefficients.keys():
         return led
@@ -298,21 +280,8 @@ def fit_stages(
 ) -> tuple[Fit | None, bool]:
     """Fit growing parts of the records, and keep what was reached where the budget ends it.
 
-    Parameters
-    ----------
-    plant, free
-        The model, and the names of the constants that may move.
-    noise
-        Of the parts; that of the whole is estimated from what the surface leaves.
-    late
-        Whether the budget is used up.
-
-    Returns
-    -------
-    fit
-        Of whole records; None where their free run diverges.
-    finished
-        Whether all stages came to their end.
+    Gives the fit of whole records, None where their free run diverges, and whether all stages
+    came to their end. The noise of the whole is estimated from what the surface leaves.
     """
     reached = [(values, states)]
     in_phase = _share_of_run(plant, trials, values, states) < MAX_LEFT
@@ -366,11 +335,9 @@ def _from_segments(
     values: np.ndarray,
     late: Late,
 ) -> Fit | None:
-    """Fit segments of a few periods first, then whole records (multiple shooting).
-
-    A stop that is harder than the spring changes the frequency so much that free runs over
-    growing parts of a record lose their phase. Over a few periods they do not.
-    """
+    """Fit segments of a few periods first, then whole records (multiple shooting)."""
+    # A stop that is harder than the spring changes the frequency so much that free runs over
+    # growing parts of a record lose their phase. Over a few periods they do not.
     control = FitControl(is_late=late)
     shot = attempt(shooting_fit, plant, trials, noise, values, control, free)
     if shot is None:
@@ -390,11 +357,9 @@ def _from_no_force(
     kinds: Mapping[str, Kind],
     max_work: float,
 ) -> SurfaceFit | None:
-    """Fit whole records from the model without the force, its surface flat.
-
-    The recovered force may give more energy than the structure loses, so that runs with it
-    grow without bound.
-    """
+    """Fit whole records from the model without the force, its surface flat."""
+    # The recovered force may give more energy than the structure loses, so that runs with it
+    # grow without bound.
     found = shaped.terms
     effect = Effect(found.kind.name, place, dict(found.scales))
     plant, values, states = augmented_start(before, effect, kinds)

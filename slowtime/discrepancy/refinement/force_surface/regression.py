@@ -47,8 +47,6 @@ class Regression:
 
     Parameters
     ----------
-    scales
-        All scales of the surface, by name.
     coefficients
         Value of each chosen coefficient [N].
     evidence
@@ -76,15 +74,7 @@ class Regression:
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Equations:
-    """Normal equations of the columns of blocks.
-
-    Parameters
-    ----------
-    matrix, right
-        Products of the columns with each other [1/N^2], and with the residual [1/N].
-    places
-        Columns of each block.
-    """
+    """Normal equations of the columns of blocks."""
 
     matrix: Float[np.ndarray, "column column"]
     right: Float[np.ndarray, " column"]
@@ -121,19 +111,9 @@ def choose_terms(
 ) -> Regression | None:
     """Choose groups of terms by forward selection, the one of most evidence first.
 
-    Parameters
-    ----------
-    scales
-        Range and knots, and scales where no block says another.
-    space
-        Least squares at the place.
-    excess
-        As of the surface whose evidence this one's is compared with; where not given, what all
-        blocks together leave.
-
-    Returns
-    -------
-    The chosen terms; None where no force is told from noise.
+    It gains evidence over noise of `excess`, that of another surface which it is compared with,
+    or what all blocks together leave. None where no force is told from noise. Scales are those
+    of range and knots, and others where no block says another.
 
     References
     ----------
@@ -177,11 +157,9 @@ def _coefficients(
 
 
 def _excess(equations: Equations, spread: float, space: ForceSpace) -> float:
-    """Chi squared per datum that all columns together leave, at least 1.
-
-    The recovered motion is not exact. What no surface explains along it counts as noise, or
-    every group of terms would gain evidence by its errors.
-    """
+    """Chi squared per datum that all columns together leave, at least 1."""
+    # The recovered motion is not exact. What no surface explains along it counts as noise, or
+    # every group of terms would gain evidence by its errors.
     everything = range(len(equations.places))
     largest = max(SPREAD_FACTORS) * spread
     coefficients = equations.solve(everything, largest)[1]
@@ -198,10 +176,8 @@ def _refined(
     spread: float,
     space: ForceSpace,
 ) -> ColumnGroup:
-    """Give the block of the slow level with the time constant of most evidence.
-
-    A run loses its phase where a slow change is off by a few per cent.
-    """
+    """Give the block of the slow level with the time constant of most evidence."""
+    # A run loses its phase where a slow change is off by a few per cent.
     at = next(i for i, block in enumerate(chosen) if block.group == LEVEL)
     block = chosen[at]
 
@@ -223,10 +199,7 @@ def _refined(
 def _forward(
     equations: Equations, blocks: Sequence[ColumnGroup], spread: float
 ) -> tuple[float, list[int], list[int]]:
-    """Add the block of most evidence until none gains enough, then drop needless ones.
-
-    Gives the log evidence, the blocks, and those of them that lead.
-    """
+    """Add the block of most evidence until none gains enough, then drop needless ones."""
     chosen: list[int] = []
     leading: list[int] | None = None
     evidence = 0.0
@@ -262,15 +235,7 @@ def _fits(blocks: Sequence[ColumnGroup], chosen: Sequence[int], i: int) -> bool:
 def equations_of(
     kind: Kind, scales: Mapping[str, float], blocks: Sequence[ColumnGroup], space: ForceSpace
 ) -> Equations:
-    """Form the normal equations of all columns of all blocks.
-
-    Parameters
-    ----------
-    scales
-        Range and knots, and scales where no block says another.
-    space
-        Least squares at the place.
-    """
+    """Form the normal equations of all columns of all blocks."""
     series, places, count = [], [], 0
     motions = [one.motion for one in space.latents]
     for block in blocks:

@@ -41,10 +41,7 @@ within the first records to one that is nearly a straight line."""
 class ColumnGroup:
     """Columns of a surface that are chosen together, and the scales that they need.
 
-    Parameters
-    ----------
-    group
-        Name of the group of coefficients; of several blocks of one group one is chosen.
+    Of several blocks of one group one is chosen.
     """
 
     group: str
@@ -53,17 +50,7 @@ class ColumnGroup:
 
 
 def fixed_scales(latents: Sequence[LatentForce]) -> dict[str, float] | None:
-    """Give the range of the surface and where its knots are dense.
-
-    Parameters
-    ----------
-    latents
-        Recovered force and motion of each trial.
-
-    Returns
-    -------
-    Parameters of the surface by name, in their units; None where nothing moves.
-    """
+    """Give the range of the surface and where its knots are dense; None where nothing moves."""
     e = np.concatenate([one.motion.e for one in latents])
     v = np.concatenate([one.motion.v for one in latents])
     force = np.concatenate([one.force for one in latents])
@@ -93,15 +80,7 @@ def fixed_scales(latents: Sequence[LatentForce]) -> dict[str, float] | None:
 def blocks_of(
     latents: Sequence[LatentForce], groups: Mapping[str, tuple[str, ...]]
 ) -> list[ColumnGroup]:
-    """List the blocks of columns, each group at each scale that is tried.
-
-    Parameters
-    ----------
-    latents
-        Recovered force and motion of each trial.
-    groups
-        Names of the coefficients of each group.
-    """
+    """List the blocks of columns, each group at each scale that is tried."""
     e = np.concatenate([one.motion.e for one in latents])
     v = np.concatenate([one.motion.v for one in latents])
     pitch = _pitch_hz(latents)

@@ -50,17 +50,9 @@ class SurfaceDemand:
 
     @classmethod
     def of(cls, words: Sequence[str]) -> "SurfaceDemand":
-        """Read a demand.
+        """Read a demand from some of `WORDS`; none means auto.
 
-        Parameters
-        ----------
-        words
-            Some of `WORDS`; none means auto.
-
-        Raises
-        ------
-        ValueError
-            For a word that is none of them, or words that contradict each other.
+        Raises `ValueError` for other words, or words that contradict each other.
         """
         asked = set(words)
         strange = sorted(asked - set(WORDS))
@@ -88,8 +80,6 @@ class SurfaceShape:
 
     Parameters
     ----------
-    parity
-        `ODD`, `EVEN` or `NEITHER`.
     monotone_e, monotone_v
         1 where the force never falls with elongation or with rate, -1 where it never rises, 0
         where it may do both.
@@ -129,18 +119,8 @@ def scales_of(scales: Mapping[str, float], shape: SurfaceShape) -> dict[str, flo
 def groups_of(
     groups: Mapping[str, tuple[str, ...]], parity: int, *, monotone: bool
 ) -> dict[str, tuple[str, ...]]:
-    """Keep the coefficients that a surface of a shape needs; others are zero or said twice.
-
-    Parameters
-    ----------
-    groups
-        Names of the coefficients of each group.
-    parity
-        `ODD`, `EVEN` or `NEITHER`.
-    monotone
-        Whether the surface is monotone. Damping that depends on nothing is in the group of the
-        rate already.
-    """
+    """Keep the coefficients that a surface of a shape needs; others are zero or said twice."""
+    # Damping that depends on nothing is in the group of the rate already.
     kept = {
         group: tuple(
             name

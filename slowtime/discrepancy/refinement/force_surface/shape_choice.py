@@ -38,8 +38,6 @@ class ShapedRegression:
 
     Parameters
     ----------
-    terms
-        That explain the recovered force; their scales hold the options of the shape.
     gain
         Log evidence over that of a surface of any shape [nats].
     refused
@@ -59,21 +57,7 @@ def choose_shape(
     space: ForceSpace,
     demand: SurfaceDemand,
 ) -> ShapedRegression | None:
-    """Choose the shape of a surface and its terms.
-
-    Parameters
-    ----------
-    scales
-        Of a surface of any shape, by name, in their units.
-    groups
-        Names of the coefficients of each group.
-    space
-        Least squares at the place.
-
-    Returns
-    -------
-    Terms and shape; None where no force is told from noise.
-    """
+    """Choose the shape of a surface and its terms; None where no force is told from noise."""
     free = _with_shape(kind, scales, groups, space, FREE)
     base = 0.0 if free is None else free.evidence
     most = max(MAX_LOSS, MAX_LOSS_SHARE * base)
@@ -116,10 +100,7 @@ def _with_shape(
     *,
     monotone: bool = False,
 ) -> Regression | None:
-    """Choose terms of a surface of a shape, without bounds of the coefficients.
-
-    Evidence is compared with that of another surface under the same noise.
-    """
+    """Choose terms of a surface of a shape, without bounds of the coefficients."""
     kept = groups_of(groups, shape.parity, monotone=monotone)
     return choose_terms(
         kind, scales_of(scales, shape), blocks_of(space.latents, kept), space,

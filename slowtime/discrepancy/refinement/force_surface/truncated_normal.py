@@ -28,15 +28,6 @@ def truncated_normal(
 ) -> Float[np.ndarray, "sample unknown"]:
     r"""Sample a normal distribution of mean zero within bounds.
 
-    Parameters
-    ----------
-    low, high
-        Bounds, at most and at least zero; infinite where there are none.
-
-    Returns
-    -------
-    Samples, in the unit of the bounds.
-
     References
     ----------
     .. [1] A. Pakman and L. Paninski, "Exact Hamiltonian Monte Carlo for truncated multivariate
