@@ -18,17 +18,8 @@ def series(samples: np.ndarray, rate_hz: float) -> Float[np.ndarray, "time chann
 
     What is in order already is given back as it is, not copied: it is not to be written into.
 
-    Parameters
-    ----------
-    samples
-        Shape (time,) or (time, channel); real numbers in any unit. A channel that does not
-        move is left out as long as another one does.
-    rate_hz
-        Samples per second [Hz].
-
-    Returns
-    -------
-    Samples, time by channel.
+    Samples are real numbers, (time,) or (time, channel), in any unit. A channel that does not
+    move is left out as long as another one does.
     """
     if not (np.isfinite(rate_hz) and rate_hz > 0):
         raise ValueError(
@@ -68,15 +59,7 @@ def series(samples: np.ndarray, rate_hz: float) -> Float[np.ndarray, "time chann
 def check_magnitude(columns: Float[np.ndarray, "time channel"]) -> None:
     """Check that the squares of the samples are within double precision.
 
-    Parameters
-    ----------
-    columns
-        Finite samples of all channels, in any unit.
-
-    Raises
-    ------
-    ValueError
-        If the largest is beyond `SMALLEST` to `LARGEST`, and is not 0.
+    Raises `ValueError` if the largest is beyond `SMALLEST` to `LARGEST`, and is not 0.
     """
     largest = max(float(columns.max()), -float(columns.min()))
     if largest and not SMALLEST < largest < LARGEST:
@@ -87,17 +70,7 @@ def check_magnitude(columns: Float[np.ndarray, "time channel"]) -> None:
 
 
 def moving(columns: Float[np.ndarray, "time channel"]) -> Bool[np.ndarray, " channel"]:
-    """Channels that vary by more than rounding.
-
-    Parameters
-    ----------
-    columns
-        Samples of all channels, in any unit.
-
-    Returns
-    -------
-    Flag of each channel.
-    """
+    """Channels that vary by more than rounding."""
     spread = np.ptp(columns, axis=0)
     largest = np.maximum(columns.max(axis=0), -columns.min(axis=0))
     varies = spread > 1e-12 * largest
@@ -112,21 +85,7 @@ def moving(columns: Float[np.ndarray, "time channel"]) -> Bool[np.ndarray, " cha
 def band(
     band_hz: tuple[float, float] | None, rate_hz: float, count: int
 ) -> tuple[float, float]:
-    """Search band, by default from four cycles in the record to 0.45 of the rate.
-
-    Parameters
-    ----------
-    band_hz
-        Given limits [Hz], or None.
-    rate_hz
-        Sampling rate [Hz].
-    count
-        Number of samples.
-
-    Returns
-    -------
-    Lower and upper limit [Hz]
-    """
+    """Search band, by default from four cycles in the record to 0.45 of the rate."""
     nyquist = rate_hz / 2
     if band_hz is None:
         return 4.0 * rate_hz / count, 0.9 * nyquist
@@ -147,59 +106,26 @@ def band(
 def modelled_band(
     band_hz: tuple[float, float] | None, default_hz: tuple[float, float]
 ) -> tuple[float, float]:
-    """Band that is modelled where modes of `band_hz` are asked for.
-
-    The band of a user selects what is reported. Neighbours and noise floor come from the whole
-    record, because a skirt whose mode is left out would widen the modes that are left.
-
-    Parameters
-    ----------
-    band_hz
-        Given limits [Hz], or None.
-    default_hz
-        Limits without `band_hz` [Hz]; they may be in the wrong order in a short record.
-
-    Returns
-    -------
-    Lower and upper limit [Hz]
-    """
+    """Band that is modelled where modes of `band_hz` are asked for."""
+    # Neighbours and noise floor come from the whole record, because a skirt whose mode is left
+    # out would widen the modes that are left. The defaults may be in the wrong order in a short
+    # record.
     if band_hz is None:
         return default_hz
     return min(band_hz[0], default_hz[0]), max(band_hz[1], default_hz[1])
 
 
 def is_inside(frequency_hz: float, band_hz: tuple[float, float] | None) -> bool:
-    """Whether a mode is reported where `band_hz` is asked for.
-
-    Parameters
-    ----------
-    frequency_hz
-        Frequency of the mode [Hz].
-    band_hz
-        Given limits [Hz], or None.
-
-    Returns
-    -------
-    Whether the frequency lies within the limits.
-    """
+    """Whether a mode is reported where `band_hz` is asked for."""
     return band_hz is None or bool(band_hz[0] <= frequency_hz <= band_hz[1])
 
 
 def share_below(
     samples: Float[np.ndarray, "time channel"], rate_hz: float, low_hz: float
 ) -> float:
-    """Return the share of the variance in lines of the spectrum up to a frequency.
+    """Return the largest share, among channels, of the variance in lines up to a frequency [1].
 
-    Parameters
-    ----------
-    samples
-        Samples; a straight line is taken out of each channel.
-    low_hz
-        The frequency [Hz].
-
-    Returns
-    -------
-    The largest share among the channels [1]; 0 where none moves.
+    A straight line is taken out of each channel; 0 where none moves.
     """
     power = np.abs(np.fft.rfft(detrended(samples), axis=0)[1:]) ** 2
     frequency = np.fft.rfftfreq(len(samples), 1 / rate_hz)[1:]

@@ -37,8 +37,6 @@ def by_method(
 
     Parameters
     ----------
-    samples
-        Samples of all channels.
     method
         `modes`: subspaces and likelihood, `identify_modes`. `bayes`: the candidates of these by
         the fast Bayesian FFT; a mode that contradicts its candidate is replaced by it, with the
@@ -49,10 +47,6 @@ def by_method(
         not depend on where the edges are.
     selection
         A person's edits of the automatic choice, of `modes` and `bayes`; None for none.
-
-    Returns
-    -------
-    The modes, with their errors.
 
     Raises
     ------
@@ -142,12 +136,10 @@ def _bayesian(samples: np.ndarray, rate_hz: float, result: ModalResult) -> Modal
 
 
 def _agreed(mode: Mode, before: Mode) -> Mode:
-    """Most probable mode, or its candidate, flagged, if they contradict or none was found.
-
-    Both are likeliest values of one record, so that their difference is no larger than the
-    error of either. A larger one shows that the forces are not as the Bayesian model has them:
-    white within a band, with a flat noise floor.
-    """
+    """Most probable mode, or its candidate, flagged, if they contradict or none was found."""
+    # Both are likeliest values of one record, so that their difference is no larger than the
+    # error of either. A larger one shows that the forces are not as the Bayesian model has
+    # them: white within a band, with a flat noise floor.
     pairs = (
         (mode.frequency_hz, before.frequency_hz),
         (mode.damping_ratio, before.damping_ratio),

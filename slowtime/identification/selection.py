@@ -46,23 +46,8 @@ def plan_edits(
 ) -> SelectionPlan:
     """Find what the edits of a person mean in a diagram.
 
-    Parameters
-    ----------
-    selection
-        Edits.
-    automatic
-        Automatic modes, at the frequencies that are reported.
-    poles
-        Poles of the diagram, source by source.
-
-    Returns
-    -------
-    Modes to hide, to replace and to add.
-
-    Raises
-    ------
-    ValueError
-        Where a frequency is that of no mode or pole, or a mode is named twice.
+    Poles are those of the diagram, source by source. Raises `ValueError` where a frequency is
+    that of no mode or pole, or a mode is named twice.
     """
     named: dict[int, Edit] = {}
     hidden: set[int] = set()

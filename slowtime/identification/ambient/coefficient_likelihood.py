@@ -53,17 +53,7 @@ CONVERGED = 0.02
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class FourierCoefficients:
-    """Fourier coefficients of a band; |value|² is a one-sided density.
-
-    Parameters
-    ----------
-    duration_s
-        Of the record; the coefficients are at multiples of one over it [s].
-    derivatives
-        2 acceleration, 1 velocity, 0 displacement.
-    floor
-        Logarithm of the noise density about which its prior lies.
-    """
+    """Fourier coefficients of a band; |value|² is a one-sided density."""
 
     frequency_hz: Float[np.ndarray, " frequency"]
     value: Complex[np.ndarray, " frequency"]
@@ -78,11 +68,8 @@ class FourierCoefficients:
 
         The prior is flat but for that of the floor and of the colour of the force.
 
-        Parameters
-        ----------
-        parameters
-            One row per case: f [Hz], zeta [1], peak and floor of the one-sided density,
-            exponent of the force spectrum.
+        Each row of parameters is f [Hz], zeta [1], peak and floor of the one-sided density, and
+        the exponent of the force spectrum.
         """
         # Of the cases of a difference few differ in more than levels: only levels are a case's.
         place: dict[tuple[float, ...], int] = {}
@@ -144,10 +131,8 @@ def _jumps(pole: np.ndarray, seconds: float) -> np.ndarray:
 def _log_density(
     square: np.ndarray, own: np.ndarray, level: np.ndarray, summed: np.ndarray, size: np.ndarray
 ) -> np.ndarray:
-    """Of complex Gaussians with covariance diag(own) + level (h c* + c h* + c size c*).
-
-    `summed` are the products of h and c, and those with the values, over `own`.
-    """
+    """Of complex Gaussians with covariance diag(own) + level (h c* + c h* + c size c*)."""
+    # `summed` are the products of h and c, and those with the values, over `own`.
     inner = np.empty((len(own), 4, 4), dtype=complex)
     inner[:, ROWS, COLUMNS] = level[:, None] * summed[:, :10]
     inner[:, COLUMNS, ROWS] = inner[:, ROWS, COLUMNS].conj()
@@ -173,20 +158,8 @@ def maximise_posterior(
 ) -> PosteriorMaximum:
     """Find the maximum of the posterior by Newton steps with finite differences.
 
-    Parameters
-    ----------
-    data
-        Fourier coefficients of the band.
-    start
-        Parameters to start from.
-    sd
-        About the standard deviations of the parameters, which scale the differences.
-    held
-        Places of parameters that stay where they are; their covariance is 0.
-
-    Returns
-    -------
-    Maximum, its value, and the covariance from the curvature.
+    Differences are scaled by `sd`, about the standard deviations. Parameters at the places
+    `held` stay where they are; their covariance is 0.
     """
     free = np.array([k for k in range(len(start)) if k not in held])
     theta, damping = start.copy(), 0.0

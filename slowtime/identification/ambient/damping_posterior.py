@@ -47,12 +47,8 @@ of the posterior covered as well as its 95 % interval."""
 class DampingPosterior:
     """Median of the damping ratio, its honest deviation, and the frequency's beyond it.
 
-    Parameters
-    ----------
-    value, sd
-        Median, and the deviation of which 1.96 either side hold 95 % [1].
-    log_frequency_variance
-        Of ln f, over all dampings.
+    Of `sd`, 1.96 either side of the median hold 95 %; the variance is that of ln f, over all
+    dampings.
     """
 
     value: float
@@ -66,17 +62,8 @@ def damping_posterior(
 ) -> DampingPosterior:
     """Posterior of the damping ratio of a resonance.
 
-    Parameters
-    ----------
-    profile
-        Gives the top of the posterior at the damping of the parameters it is given, starting
-        from the others of them.
-    top
-        Where the raster begins: the top over all parameters.
-
-    Returns
-    -------
-    Median and standard deviation of the damping ratio, and the variance of ln f.
+    `profile` gives the top of the posterior at the damping of the parameters it is given,
+    starting from the others of them. The raster begins at `top`, that over all parameters.
     """
     points = _points(profile, top)
     if len(points) < FEWEST_POINTS:

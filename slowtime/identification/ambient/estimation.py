@@ -127,18 +127,8 @@ def fit_ambient(
 ) -> Identified:
     """Fit the resonance of a candidate by the likelihood of the spectrum in its band.
 
-    Parameters
-    ----------
-    columns
-        Samples of all channels, in any unit.
-    candidate
-        Detected peak, with the band that belongs to it [Hz].
-    derivatives
-        2 acceleration, 1 velocity, 0 displacement; None chooses the likeliest.
-
-    Returns
-    -------
-    Frequency [Hz] and damping ratio [1] of the mode, with flags.
+    What was measured is given by `derivatives`: 2 acceleration, 1 velocity, 0 displacement; the
+    likeliest of them where None.
     """
     series = modal_series(columns, rate_hz, candidate)
     return _identified(series, _extent(series, rate_hz, candidate, derivatives))
@@ -147,19 +137,7 @@ def fit_ambient(
 def fit_ambient_steady(
     columns: Float[np.ndarray, "time channel"], rate_hz: float, candidate: PeakCandidate
 ) -> Identified:
-    """Fit a whole record, and widen the error by the change between its halves.
-
-    Parameters
-    ----------
-    columns
-        Samples of all channels, in any unit.
-    candidate
-        Detected peak, with the band that belongs to it [Hz].
-
-    Returns
-    -------
-    Frequency [Hz] and damping ratio [1] of the mode, with flags.
-    """
+    """Fit a whole record, and widen the error by the change between its halves."""
     series = modal_series(columns, rate_hz, candidate)
     extent = _extent(series, rate_hz, candidate, None)
     whole, middle = _identified(series, extent), len(series) // 2
@@ -189,10 +167,8 @@ def _of_half(half: Float[np.ndarray, " time"], rate_hz: float, extent: FitBand) 
 def _posterior(
     series: Float[np.ndarray, " time"], data: Periodogram, fit: ResonanceFit
 ) -> tuple[PosteriorMaximum, DampingPosterior]:
-    """Top of the posterior in a band, and that of the damping.
-
-    Whittle's likelihood, or the one with all correlations where the record is short.
-    """
+    """Top of the posterior in a band, and that of the damping."""
+    # Whittle's likelihood, or the one with all correlations where the record is short.
     frequency, damping = np.exp(fit.parameters[:2])
     if 2 * np.pi * damping * frequency * data.duration_s > LONG:
 

@@ -45,10 +45,6 @@ def expected_resonance(
     derivatives
         2 for acceleration, 1 for velocity, 0 for displacement.
 
-    Returns
-    -------
-    Expected one-sided periodogram at each frequency, peak density about 1.
-
     References
     ----------
     .. [1] A. M. Sykulski et al., "The debiased Whittle likelihood", Biometrika 106 (2019).
@@ -75,22 +71,7 @@ def expected_resonances(
 ) -> Float[np.ndarray, "case frequency"]:
     """Predict the periodograms of several oscillators; see `expected_resonance`.
 
-    Parameters
-    ----------
-    frequency_hz
-        Frequencies of the ordinates [Hz].
-    natural_hz
-        Natural frequency of each case [Hz].
-    damping_ratio
-        Damping ratio of each case [1].
-    count
-        Number of samples of the record.
-    derivatives
-        2 acceleration, 1 velocity, 0 displacement.
-
-    Returns
-    -------
-    One row per case.
+    One row for each case of natural frequency [Hz] and damping ratio [1].
     """
     omega = 2 * np.pi * natural_hz[:, None]
     damping = damping_ratio[:, None]

@@ -82,8 +82,6 @@ class FitBand:
         Half-bandwidths of the wider side.
     holds
         Whether the ordinates scatter about the fit as they must.
-    edges_hz
-        Of the spectrum that there was to choose from [Hz].
     """
 
     data: Periodogram
@@ -114,16 +112,7 @@ class _Trial:
 def widest_fit_band(whole: Periodogram, start: Float[np.ndarray, "5"]) -> FitBand:
     """Grow the band of a resonance as far as a single mode explains the spectrum.
 
-    Parameters
-    ----------
-    whole
-        Periodogram of the search band.
-    start
-        Initial (ln f [Hz], ln zeta, ln peak, ln floor, colour).
-
-    Returns
-    -------
-    Ordinates of the band, the fit to them, and the error of the band choice.
+    It starts from (ln f [Hz], ln zeta, ln peak, ln floor, colour).
     """
     frequency, damping = np.exp(start[[FREQUENCY, DAMPING]])
     distances = _distances(frequency * damping, whole)
@@ -207,20 +196,8 @@ def ring_scores(
     Means of n ratios are gamma distributed; their cube roots are Gaussian (Wilson and
     Hilferty), with variance 1 / 9 n about 1 - 1 / 9 n.
 
-    Parameters
-    ----------
-    data
-        Ordinates of the band.
-    expected
-        Expected density of each ordinate.
-    frequency
-        Resonance frequency [Hz].
-    distances
-        Outer radii of the rings [Hz].
-
-    Returns
-    -------
-    Standard normal scores under a true model.
+    Distances are the outer radii of the rings [Hz]; under a true model the scores are standard
+    normal.
     """
     offset = data.frequency_hz - frequency
     ring = np.searchsorted(distances, np.abs(offset)) + 1

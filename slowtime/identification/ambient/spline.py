@@ -14,19 +14,6 @@ def cubic_spline(
     `scipy.interpolate.CubicSpline` of its usual end condition, whose import brings SciPy's
     optimisation and spatial trees to an edge agent.
 
-    Parameters
-    ----------
-    places
-        Ascending; four at least.
-    values
-        Value at each of them.
-    at
-        Places to interpolate at.
-
-    Returns
-    -------
-    Values of the spline at the given places.
-
     Examples
     --------
     >>> places = np.array([0.0, 1.0, 3.0, 4.0])

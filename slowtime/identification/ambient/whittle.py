@@ -90,16 +90,7 @@ class Periodogram:
     ) -> Float[np.ndarray, "case frequency"]:
         """Predict the periodograms of several cases for unit peak density.
 
-        Parameters
-        ----------
-        log_frequency
-            Ln f of each case, f in Hz.
-        log_damping
-            Ln zeta of each case.
-
-        Returns
-        -------
-        One row per case.
+        One row for each case of ln f, f in Hz, and ln zeta.
         """
         return expected_resonances(
             self.frequency_hz,
@@ -111,17 +102,7 @@ class Periodogram:
         )
 
     def within(self, low_hz: float, high_hz: float) -> "Periodogram":
-        """Ordinates between two frequencies.
-
-        Parameters
-        ----------
-        low_hz, high_hz
-            Limits, both included [Hz].
-
-        Returns
-        -------
-        Part of the periodogram.
-        """
+        """Ordinates between two frequencies."""
         inside = (self.frequency_hz >= low_hz) & (self.frequency_hz <= high_hz)
         return dataclasses.replace(
             self,
@@ -136,17 +117,6 @@ def group_ordinates(data: Periodogram, centre_hz: float) -> Periodogram:
 
     A resonance falls off like the square of that distance, so averaging loses under 0.2 % of
     its shape, and leaves a few hundred ordinates of however long a record.
-
-    Parameters
-    ----------
-    data
-        Ordinates.
-    centre_hz
-        Frequency of the peak [Hz].
-
-    Returns
-    -------
-    Averaged ordinates, with the number in each.
     """
     offset = np.abs(data.frequency_hz - centre_hz) * data.count / data.rate_hz
     # Cumulated 1/width passes a whole number wherever one group ends and the next begins.
@@ -175,18 +145,8 @@ def fit_resonance(
     the change of the score over each step (a structured secant [1]_, by symmetric updates of
     rank one).
 
-    Parameters
-    ----------
-    data
-        Ordinates, grouped or not.
-    start
-        Parameters to start from: four for a white force, five for one of unknown colour.
-    held
-        Places of parameters that stay where they are; their covariance is 0.
-
-    Returns
-    -------
-    Parameters, their covariance, and the expected density of each ordinate.
+    It starts from four parameters for a white force, five for one of unknown colour. Those at
+    the places `held` stay where they are; their covariance is 0.
 
     References
     ----------
@@ -264,13 +224,7 @@ def whittle_log_likelihood(
 
 
 def smooth_log_likelihood(data: Periodogram) -> float:
-    """Largest Whittle log-likelihood of a spectrum without resonance: a power law.
-
-    Parameters
-    ----------
-    data
-        Ordinates.
-    """
+    """Largest Whittle log-likelihood of a spectrum without resonance: a power law."""
     logarithm = np.log(data.frequency_hz / data.frequency_hz.mean())
     rows = np.stack([np.ones_like(logarithm), logarithm])
     theta = np.array([np.log(data.density.mean()), 0.0])

@@ -43,21 +43,7 @@ FEWEST_TO_TELL = 3
 
 
 def is_mode(start: StablePole, sharp: FittedMode, edges: tuple[float, float]) -> bool:
-    """Whether a fitted pole is accepted as a mode of the band.
-
-    Parameters
-    ----------
-    start
-        Stable pole from which the fit began.
-    sharp
-        Fitted mode.
-    edges
-        Edges of the band [Hz].
-
-    Returns
-    -------
-    Whether damping, prominence and errors are within the limits.
-    """
+    """Whether damping, prominence and errors of a fitted pole are those of a mode."""
     frequency = abs(sharp.pole) / (2 * np.pi)
     damping = -sharp.pole.real / abs(sharp.pole)
     sd_of_log_decay, sd_of_omega = np.sqrt(np.diag(sharp.covariance))
@@ -73,20 +59,9 @@ def is_mode(start: StablePole, sharp: FittedMode, edges: tuple[float, float]) ->
 
 
 def without_duplicates(sharp: list[tuple[int, FittedMode]]) -> list[tuple[int, FittedMode]]:
-    """Remove fits that converged to a likelier one, and satellites of stronger modes.
-
-    A force that is not white leaves bumps on the skirt of a strong mode. They have its shape:
-    what moves is that mode.
-
-    Parameters
-    ----------
-    sharp
-        Fitted modes, each with the index of its start.
-
-    Returns
-    -------
-    Remaining fits.
-    """
+    """Remove fits that converged to a likelier one, and satellites of stronger modes."""
+    # A force that is not white leaves bumps on the skirt of a strong mode. They have its shape:
+    # what moves is that mode.
     kept: list[tuple[int, FittedMode]] = []
     for k, one in sorted(sharp, key=lambda pair: -pair[1].strength):
         if not any(_is_same(one, other) for _, other in kept):

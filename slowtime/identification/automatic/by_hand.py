@@ -48,27 +48,8 @@ def edited(
     these are reported; modes far from an edit keep their values. A mode that the spectrum does
     not bear has the values of its pole.
 
-    Parameters
-    ----------
-    automatic
-        Modes of the automatic choice.
-    others
-        What was modelled beside them, and is no mode.
-    poles
-        Poles of all bands and orders.
-    selection
-        Edits.
-    limits_hz
-        Limits of the search [Hz].
-
-    Returns
-    -------
-    Modes that are reported, ascending in frequency.
-
-    Raises
-    ------
-    ValueError
-        Where an edit names no mode or pole.
+    The `others` were modelled beside the automatic modes, and are none. Raises `ValueError`
+    where an edit names no mode or pole.
     """
     known = [
         dataclasses.replace(
@@ -125,17 +106,8 @@ def _held(fit: FittedMode | None, before: FittedMode) -> FittedMode:
 def of_diagram(one: StablePole, sources: Sequence[Poles]) -> FittedMode:
     """Values of a pole of the diagram, with errors to first order.
 
-    Parameters
-    ----------
-    one
-        The pole.
-    sources
-        Poles of all orders, source by source.
-
-    Returns
-    -------
-    The mode; the standard deviation of its shape is the scatter over the poles of other
-    orders, or that of an arbitrary shape where there are none.
+    The standard deviation of its shape is the scatter over the poles of other orders, or that
+    of an arbitrary shape where there are none.
     """
     shapes = np.concatenate([poles.shape for poles in sources], axis=1)[:, one.members]
     shape = one.shape / np.linalg.norm(one.shape)

@@ -187,19 +187,7 @@ def _frequency(mode: Mode) -> float:
 def modelled_band(
     band_hz: tuple[float, float] | None, rate_hz: float, count: int
 ) -> tuple[float, float]:
-    """Band in which modes are modelled, whatever part of it is reported.
-
-    Parameters
-    ----------
-    band_hz
-        Of the modes that are reported [Hz], or None.
-    count
-        Number of samples.
-
-    Returns
-    -------
-    Lower and upper limit [Hz].
-    """
+    """Band in which modes are modelled, whatever part of it is reported."""
     low, high = _default_band(rate_hz, count)
     if band_hz is not None:
         return checks.modelled_band(checks.band(band_hz, rate_hz, count), (low, high))
@@ -306,7 +294,7 @@ def _sharp(
 ) -> tuple[list[tuple[int, FittedMode]], list[InitialMode]]:
     """Choose modes among candidates, then let the spectra say where they are.
 
-    Returns modes, each with its candidate, and what else was modelled.
+    Gives modes, each with its candidate, and what else was modelled.
     """
     low, starts = edges[0], [InitialMode(c.pole, c.shape) for c in found]
     chosen = select_modes(spectrum, starts, low_hz=low, high_hz=highest_hz)

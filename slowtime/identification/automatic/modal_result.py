@@ -44,14 +44,7 @@ class ModalResult:
     def within(self, band_hz: tuple[float, float] | None) -> "ModalResult":
         """Return the result without what lies outside a band.
 
-        Parameters
-        ----------
-        band_hz
-            Lower and upper limit [Hz]; None for no limits.
-
-        Returns
-        -------
-        Modes and poles of the band; the spectra are those of the whole record.
+        The spectra stay those of the whole record.
         """
         if band_hz is None:
             return self
@@ -66,17 +59,7 @@ class ModalResult:
 def join_stabilisation(
     poles: list[Poles], members: list[np.ndarray], places: list[int]
 ) -> Stabilisation:
-    """Join the stabilisation diagrams of all bands.
-
-    Parameters
-    ----------
-    poles
-        Poles of each band.
-    members
-        Indices of the stable poles of each mode.
-    places
-        Band of each mode.
-    """
+    """Join the stabilisation diagrams of all bands."""
     sd = [p.standard_deviations() for p in poles]
     count = sum(len(p.order) for p in poles)
     mode = np.full(count, -1)
@@ -96,19 +79,7 @@ def join_stabilisation(
 def singular_values(
     transform: np.ndarray, count: int, rate_hz: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Singular values of spectral matrices averaged over neighbouring ordinates.
-
-    Parameters
-    ----------
-    transform
-        Fourier coefficients, frequency by channel.
-    count
-        Number of samples.
-
-    Returns
-    -------
-    Frequencies [Hz], and singular values in descending order.
-    """
+    """Singular values of spectral matrices averaged over neighbouring ordinates."""
     group = max(transform.shape[1], len(transform) // SPECTRUM_POINTS)
     groups = (len(transform) - 1) // group
     parts = transform[1 : 1 + groups * group].reshape(groups, group, -1)

@@ -35,17 +35,7 @@ def roll_off_hz(
 ) -> float:
     """Find where all channels fall below the quiet parts of the octave before, and stay there.
 
-    Parameters
-    ----------
-    transform
-        Fourier coefficients up to half the sampling rate.
-    nyquist_hz
-        Half the sampling rate [Hz].
-
-    Returns
-    -------
-    Highest frequency that the roll-off leaves as it is [Hz]; half the sampling rate where
-    there is none.
+    Half the sampling rate [Hz] where there is none.
     """
     parts = np.array_split(np.arange(1, len(transform)), min(PARTS, len(transform) - 1))
     power = [np.median(np.abs(transform[part]) ** 2, axis=0) for part in parts]

@@ -39,8 +39,6 @@ class JointModes:
     modes
         Over all channels, ascending in frequency; those merged after identification have the
         flag `merged_after`.
-    channels
-        Names of all channels.
     partial
         Modes that a part of the set-ups shows and the joint model does not, over the channels
         of these.
@@ -72,22 +70,10 @@ def merge_records(
 
     Parameters
     ----------
-    setups
-        Records of the same rate.
-    rate_hz
-        Sampling rate [Hz].
-    references
-        Channels that all set-ups have.
     block_rows
         Lags in a block row or column of the joint model.
     orders
         Orders of the joint model, two for each mode.
-    band_hz
-        Band of the modes [Hz].
-
-    Returns
-    -------
-    All modes that the joint model or a single record shows.
 
     Raises
     ------

@@ -38,27 +38,8 @@ def band_from(
     derivatives: int,
     centres_hz: Float[np.ndarray, " mode"],
 ) -> Band:
-    """Average neighbouring coefficients over a part of their distance to the nearest mode.
-
-    A resonance falls off like the square of that distance, so that nothing is lost.
-
-    Parameters
-    ----------
-    frequency_hz
-        Frequencies of the bins [Hz].
-    coefficients
-        Fourier coefficients, bin by channel.
-    duration_s
-        Duration of the record [s].
-    derivatives
-        2 acceleration, 1 velocity, 0 displacement.
-    centres_hz
-        Frequencies of the modes [Hz].
-
-    Returns
-    -------
-    Grouped coefficients.
-    """
+    """Average neighbouring coefficients over a part of their distance to the nearest mode."""
+    # A resonance falls off like the square of that distance, so that nothing is lost.
     away = np.abs(frequency_hz[:, None] - centres_hz).min(axis=1) * duration_s
     group = np.floor(np.cumsum(1.0 / np.maximum(1.0, away / GROUPED)) + 1e-9).astype(int)
     starts = np.flatnonzero(np.diff(group, prepend=-1))
@@ -76,16 +57,7 @@ def band_from(
 def coloured(band: Band, exponent: float) -> tuple[Band, float]:
     """Return a band as under white forces, where their density goes with a power of frequency.
 
-    Parameters
-    ----------
-    band
-        Grouped Fourier coefficients of the band.
-    exponent
-        Of the amplitude of the forces over frequency [1].
-
-    Returns
-    -------
-    Band, and what the scale adds to a log-density of the coefficients as they were.
+    Beside it, what the scale adds to a log-density of the coefficients as they were.
     """
     log_scale = -2.0 * exponent * np.log(band.frequency_hz / band.middle_hz)
     scale = np.exp(log_scale)[:, None, None]

@@ -30,19 +30,7 @@ def fit_record(
     candidates_hz: Float[np.ndarray, " mode"],
     lines: tuple[Measured, ...] = (),
 ) -> list[BandPosterior]:
-    """Fit all bands of a record, in rounds, until their layout no longer changes.
-
-    Parameters
-    ----------
-    candidates_hz
-        Candidate frequencies [Hz].
-    lines
-        Frequencies of machine lines with their standard deviations [Hz].
-
-    Returns
-    -------
-    Posterior of each band, ascending in frequency.
-    """
+    """Fit all bands of a record, in rounds, until their layout no longer changes."""
     found = initial_estimates(record, candidates_hz)
     first = ModeLayout(found, np.eye(len(found), dtype=complex))
     picture = _seen(record, first, lines, coherent=False)
@@ -72,19 +60,7 @@ def _height(record: RecordSpectrum, picture: ModeLayout, lines: tuple[Measured, 
 def common_forces(
     record: RecordSpectrum, picture: ModeLayout, lines: tuple[Measured, ...]
 ) -> float:
-    """Probability that modes with independent forces appear as coherent as observed.
-
-    Parameters
-    ----------
-    picture
-        All modes as known so far, and the coherence of their forces.
-    lines
-        Frequencies of machine lines with their standard deviations [Hz].
-
-    Returns
-    -------
-    p-value over all bands.
-    """
+    """Probability that modes with independent forces appear as coherent as observed."""
     alone = ModeLayout(picture.guesses, np.eye(len(picture.guesses), dtype=complex))
     together = group_modes(alone.guesses, record.duration_s)
     parts, asked = (

@@ -58,21 +58,7 @@ class BandProblem:
 def band_problems(
     record: RecordSpectrum, picture: ModeLayout, lines: tuple[Measured, ...], *, coherent: bool
 ) -> list[BandProblem]:
-    """Fit problems of all bands, ascending in frequency.
-
-    Parameters
-    ----------
-    picture
-        All modes as known so far, and the coherence of their forces.
-    lines
-        Frequencies of machine lines with their standard deviations [Hz].
-    coherent
-        Whether forces of the modes may have a common part.
-
-    Returns
-    -------
-    One problem per group of modes.
-    """
+    """Fit problems of all bands, ascending in frequency."""
     return [
         band_problem(record, picture, group, lines, coherent=coherent)
         for group in group_modes(picture.guesses, record.duration_s, coherent=coherent)
@@ -85,19 +71,6 @@ def group_modes(
     """Group the modes that are fitted together.
 
     Where modes have forces in common that is as many as can be, however far apart.
-
-    Parameters
-    ----------
-    found
-        Initial estimates, ascending in frequency.
-    duration_s
-        Duration of the record [s].
-    coherent
-        Whether forces of the modes may have a common part.
-
-    Returns
-    -------
-    Indices of each group.
     """
     widths = np.array([guess.half_width_hz(duration_s) for guess in found])
     places = np.array([guess.frequency_hz for guess in found])
@@ -122,23 +95,7 @@ def band_problem(
     *,
     coherent: bool,
 ) -> BandProblem:
-    """Fit problem of one group of modes.
-
-    Parameters
-    ----------
-    picture
-        All modes as known so far, and the coherence of their forces.
-    group
-        Indices of the modes.
-    lines
-        Frequencies of machine lines with their standard deviations [Hz].
-    coherent
-        Whether forces of the modes may have a common part.
-
-    Returns
-    -------
-    Band, outside modes and initial values.
-    """
+    """Band, outside modes and initial values of one group of modes."""
     found = picture.guesses
     use = _use(record, found, group, lines)
     centres = np.array([guess.frequency_hz for guess in found])

@@ -72,17 +72,6 @@ def fit_band(band: Band, start: BandModes) -> BandPosterior:
     The covariance is the inverse of the Hessian of the negative log-posterior; where that is
     not positive (short records) or there are many parameters (coherences among them), of the
     Fisher information.
-
-    Parameters
-    ----------
-    band
-        Grouped Fourier coefficients of the band.
-    start
-        Initial modes.
-
-    Returns
-    -------
-    Most probable modes, and the covariance of their parameters.
     """
     if start.coherent:
         vector, converged = _climb(band, parameter_vector(start), start, NEAR)
@@ -105,17 +94,6 @@ def fit_coloured_band(band: Band, start: BandModes) -> BandPosterior:
     slope of it moves a resonance more than the errors under a white one allow. What is not
     known of p is in the covariance. Where modes have forces in common, their interference
     tells more of a band than a slope does, and forces are taken for white.
-
-    Parameters
-    ----------
-    band
-        Grouped Fourier coefficients of the band.
-    start
-        Initial modes.
-
-    Returns
-    -------
-    Most probable modes, and the covariance of their parameters.
     """
     if start.coherent:
         return fit_band(band, start)
@@ -162,15 +140,7 @@ def _by_newton(band: Band, start: BandModes) -> tuple[np.ndarray, np.ndarray, bo
 
 
 def rough_fit(band: Band, start: BandModes) -> BandModes:
-    """Most probable modes to within a fraction of their errors, without a covariance.
-
-    Parameters
-    ----------
-    band
-        Grouped Fourier coefficients of the band.
-    start
-        Initial modes.
-    """
+    """Most probable modes to within a fraction of their errors, without a covariance."""
     vector, _ = _climb(band, parameter_vector(start), start, NEAR, most=ROUGH_STEPS)
     return modes_from_vector(vector, start)
 

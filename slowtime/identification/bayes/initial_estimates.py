@@ -42,36 +42,14 @@ class InitialEstimate:
     shape: Float[np.ndarray, " channel"]
 
     def half_width_hz(self, duration_s: float) -> float:
-        """Half-bandwidth, or the resolution of the record if that is larger [Hz].
-
-        Parameters
-        ----------
-        duration_s
-            Duration of the record [s].
-
-        Returns
-        -------
-        Half-bandwidth [Hz].
-        """
+        """Half-bandwidth, or the resolution of the record if that is larger [Hz]."""
         return max(self.damping_ratio * self.frequency_hz, NARROWEST_BINS / duration_s)
 
 
 def initial_estimate(
     record: RecordSpectrum, frequency_hz: float, low_hz: float, high_hz: float
 ) -> InitialEstimate:
-    """Frequency and damping of one resonance in the best weighted sum of channels.
-
-    Parameters
-    ----------
-    frequency_hz
-        Candidate frequency [Hz].
-    low_hz, high_hz
-        Limits of the band [Hz].
-
-    Returns
-    -------
-    Frequency [Hz], damping ratio [1] and shape.
-    """
+    """Frequency and damping of one resonance in the best weighted sum of channels."""
     f = record.frequency_hz
     low = max(low_hz, frequency_hz * (1 - LOOKED_AT), f[1])
     high = min(high_hz, frequency_hz * (1 + LOOKED_AT))
@@ -103,17 +81,7 @@ def initial_estimate(
 def initial_estimates(
     record: RecordSpectrum, candidates_hz: Float[np.ndarray, " mode"]
 ) -> tuple[InitialEstimate, ...]:
-    """Estimate all candidates, each up to half way to its neighbours.
-
-    Parameters
-    ----------
-    candidates_hz
-        Candidate frequencies [Hz].
-
-    Returns
-    -------
-    Estimates, ascending in frequency.
-    """
+    """Estimate all candidates, each up to half way to its neighbours."""
     middles = 0.5 * (candidates_hz[1:] + candidates_hz[:-1])
     lows = np.concatenate([[0.0], middles])
     highs = np.concatenate([middles, [np.inf]])

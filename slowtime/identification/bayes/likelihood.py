@@ -46,15 +46,7 @@ that forces which are nearly one do not make a singular top."""
 def log_posterior(
     band: Band, vector: Float[np.ndarray, " parameter"], start: BandModes
 ) -> float:
-    """Log-posterior up to a constant; the priors are about `start`.
-
-    Parameters
-    ----------
-    band
-        Grouped Fourier coefficients of the band.
-    vector
-        Parameters, in the order of `parameter_vector`.
-    """
+    """Log-posterior up to a constant; the priors are about `start`."""
     modes = modes_from_vector(vector, start)
     crossed = cross_periodograms(band, modes.log_frequency, modes.log_damping)
     matrices = _matrices(band, modes, crossed * modes.coherence)
@@ -68,19 +60,7 @@ def log_posterior(
 def gradient(
     band: Band, vector: Float[np.ndarray, " parameter"], start: BandModes
 ) -> Float[np.ndarray, " parameter"]:
-    """Gradient of the log-posterior.
-
-    Parameters
-    ----------
-    band
-        Grouped Fourier coefficients of the band.
-    vector
-        Parameters, in the order of `parameter_vector`.
-
-    Returns
-    -------
-    Derivative to each parameter.
-    """
+    """Gradient of the log-posterior."""
     parts = _worked_out(band, vector, start)
     return np.asarray(_slope(band, parts) + _prior(parts.modes, start)[0])
 
@@ -88,19 +68,7 @@ def gradient(
 def gradient_and_information(
     band: Band, vector: Float[np.ndarray, " parameter"], start: BandModes
 ) -> tuple[Float[np.ndarray, " parameter"], Float[np.ndarray, "parameter parameter"]]:
-    """Gradient of the log-posterior, and Fisher information plus that of the prior.
-
-    Parameters
-    ----------
-    band
-        Grouped Fourier coefficients of the band.
-    vector
-        Parameters, in the order of `parameter_vector`.
-
-    Returns
-    -------
-    Gradient, and information matrix.
-    """
+    """Gradient of the log-posterior, and Fisher information plus that of the prior."""
     parts = _worked_out(band, vector, start)
     uphill, information = _prior(parts.modes, start)
     return _slope(band, parts) + uphill, _information(band, parts) + information
@@ -127,16 +95,7 @@ def coherence_score(band: Band, start: BandModes) -> tuple[float, int]:
     parameters are free to give way; over the directions in which the record would know a
     coherence to better than 1.
 
-    Parameters
-    ----------
-    band
-        Grouped Fourier coefficients of the band.
-    start
-        Modes with independent forces.
-
-    Returns
-    -------
-    Statistic, and its degrees of freedom.
+    Gives the statistic and its degrees of freedom; forces are independent in `start`.
     """
     parts = _worked_out(band, parameter_vector(start), start)
     uphill, information = _slope(band, parts), _information(band, parts)

@@ -76,12 +76,7 @@ class BandModes:
 
 
 def parameter_vector(modes: BandModes) -> Float[np.ndarray, " parameter"]:
-    """Parameters: ln f, ln zeta, parts of L, shapes by mode, ln noise, its exponents.
-
-    Returns
-    -------
-    Vector of all free parameters.
-    """
+    """Parameters: ln f, ln zeta, parts of L, shapes by mode, ln noise, its exponents."""
     own = slice(modes.guests, None)
     parts = [modes.mixing[row, column] / unit for row, column, unit in modes.free_mixing]
     return np.concatenate(
@@ -97,15 +92,7 @@ def parameter_vector(modes: BandModes) -> Float[np.ndarray, " parameter"]:
 
 
 def modes_from_vector(vector: Float[np.ndarray, " parameter"], like: BandModes) -> BandModes:
-    """Inverse of `parameter_vector`; what is not in the vector stays as in `like`.
-
-    Parameters
-    ----------
-    vector
-        Parameters.
-    like
-        Modes that give what the vector does not hold.
-    """
+    """Inverse of `parameter_vector`; what is not in the vector stays as in `like`."""
     number, channels = like.number, len(like.log_noise)
     free = like.free_mixing
     sizes = [number, number, len(free), number * channels, channels]
@@ -131,16 +118,7 @@ def modes_from_vector(vector: Float[np.ndarray, " parameter"], like: BandModes) 
 def add_guests(start: BandModes, found: BandModes) -> BandModes:
     """Add outside modes to the initial values, from a fit without them.
 
-    Parameters
-    ----------
-    start
-        Modes and guests.
-    found
-        Fit without guests.
-
-    Returns
-    -------
-    Initial values, guests with independent forces.
+    Guests have independent forces.
     """
     before = start.guests
     return dataclasses.replace(
@@ -159,14 +137,7 @@ def noise_density(
 ) -> tuple[Float[np.ndarray, "frequency channel"], Float[np.ndarray, " frequency"]]:
     """Density of each channel's noise, and what its logarithm changes by with the exponent.
 
-    Parameters
-    ----------
-    band
-        Grouped Fourier coefficients of the band.
-
-    Returns
-    -------
-    Density, and ln of frequency over the middle of the band.
+    Beside it, ln of frequency over the middle of the band.
     """
     away = np.log(band.frequency_hz / band.middle_hz)
     return np.exp(modes.log_noise + away[:, None] * modes.noise_exponent), away
@@ -182,15 +153,6 @@ def spectral_slopes(
 
     A parameter of mode i moves no more than row i of H, by y, and its column by the conjugate;
     those y are given for each mode of the band: by ln f, ln zeta, then its row of L.
-
-    Parameters
-    ----------
-    band
-        Grouped Fourier coefficients of the band.
-
-    Returns
-    -------
-    Spectral matrices, and their derivatives to the parameters of poles and forces.
     """
     spectra = cross_periodograms(band, modes.log_frequency, modes.log_damping)
     unit, coherence = modes.unit_mixing, modes.coherence
@@ -212,12 +174,7 @@ def spectral_slopes(
 
 
 def slope_order(modes: BandModes) -> np.ndarray:
-    """Give the indices in the parameter vector of the derivatives of `spectral_slopes`.
-
-    Returns
-    -------
-    Indices, mode by mode.
-    """
+    """Give the indices in the parameter vector of the derivatives of `spectral_slopes`."""
     free = modes.free_mixing
     return np.array(
         [

@@ -13,21 +13,7 @@ def cross_periodograms(
     log_frequency: Float[np.ndarray, " mode"],
     log_damping: Float[np.ndarray, " mode"],
 ) -> Complex[np.ndarray, "frequency mode mode"]:
-    """Predict the cross-periodograms :math:`D_k` of modes among themselves; see `crossed`.
-
-    Parameters
-    ----------
-    band
-        Grouped Fourier coefficients of the band.
-    log_frequency
-        Ln f of each mode, f in Hz.
-    log_damping
-        Ln zeta of each mode.
-
-    Returns
-    -------
-    One matrix per frequency.
-    """
+    """Predict the cross-periodograms :math:`D_k` of modes among themselves; see `crossed`."""
     poles = np.stack([log_frequency, log_damping])
     return crossed(band, poles, poles)
 
@@ -48,16 +34,7 @@ def crossed(
     and the like for :math:`s_j`: leakage, which else biases the damping of modes that are
     hardly wider than the record resolves (as in `expected_resonance`).
 
-    Parameters
-    ----------
-    band
-        Grouped Fourier coefficients of the band.
-    some, others
-        Ln f and ln zeta of the modes, in two rows.
-
-    Returns
-    -------
-    One matrix per frequency.
+    Modes are given by ln f and ln zeta, in two rows.
     """
     one, other = _resonances(band, some), _resonances(band, others)
     spectra = one.transfer[:, :, None] * other.transfer[:, None, :].conj()

@@ -39,22 +39,9 @@ def align(
 ) -> Alignment:
     """Put two boards of one structure on one clock, or say why that cannot be done.
 
-    Parameters
-    ----------
-    first, second
-        Records of both boards.
-    band_hz
-        Where to look for modes that both see; by default from a few cycles in the common time
-        to 0.43 of the slower rate.
-
-    Returns
-    -------
-    The merged boards where possible, and what was found.
-
-    Raises
-    ------
-    ValueError
-        Where a channel holds no numbers, or a band is none.
+    Modes that both see are sought in `band_hz`, by default from a few cycles in the common time
+    to 0.43 of the slower rate. Raises `ValueError` where a channel holds no numbers, or a band
+    is none.
     """
     ahead = ClockPrior.of(first, second)
     if ahead is None:
@@ -192,20 +179,7 @@ def _verdict(
 def align_all(
     boards: tuple[BoardRecord, ...], *, band_hz: tuple[float, float] | None = None
 ) -> tuple[BoardRecord, tuple[Alignment, ...]]:
-    """Align each board with those before it that could be merged; leave out those that cannot.
-
-    Parameters
-    ----------
-    boards
-        Records of the boards.
-    band_hz
-        Where to look for modes that both see; by default from a few cycles in the common time
-        to 0.43 of the slower rate [Hz].
-
-    Returns
-    -------
-    All that could be merged, and the result of each board after the first.
-    """
+    """Align each board with those before it that could be merged; leave out the others."""
     whole, said = boards[0], []
     for board in itertools.islice(boards, 1, None):
         found = align(whole, board, band_hz=band_hz)

@@ -15,10 +15,6 @@ class BoardRecord:
 
     Parameters
     ----------
-    samples
-        Equally spaced.
-    channels
-        Name of each column.
     rate_hz, rate_sd
         Samples per second as far as known, and its relative standard deviation [1].
     start_s, start_sd_s
@@ -40,17 +36,7 @@ class BoardRecord:
     def at(
         self, times_s: Float[np.ndarray, " instant"]
     ) -> Float[np.ndarray, "instant channel"]:
-        """Band-limited interpolation of the samples.
-
-        Parameters
-        ----------
-        times_s
-            Times on the board's own axis [s].
-
-        Returns
-        -------
-        Samples of all channels at these times.
-        """
+        """Band-limited interpolation of all channels at times on the board's own axis [s]."""
         positions = (times_s - self.start_s) * self.rate_hz
         columns = np.asarray(self.samples, dtype=float).T
         return np.asarray(at_instants(np.ascontiguousarray(columns), positions).T)
@@ -58,16 +44,7 @@ class BoardRecord:
     def moved(self, offset_s: float, drift: float) -> "BoardRecord":
         """Board with a corrected clock.
 
-        Parameters
-        ----------
-        offset_s
-            Added to the time of the first sample [s].
-        drift
-            Relative increase of the sampling rate [1].
-
-        Returns
-        -------
-        The same samples on the corrected axis.
+        The first sample moves by `offset_s`; the rate rises by `drift` [1].
         """
         return dataclasses.replace(
             self, start_s=self.start_s + offset_s, rate_hz=self.rate_hz * (1.0 + drift)
@@ -80,10 +57,6 @@ class ModeEvidence:
 
     Parameters
     ----------
-    frequency_hz
-        Of the mode [Hz].
-    phase_rad
-        With its standard deviation [rad].
     coherence
         Between the boards at the mode [1].
     """

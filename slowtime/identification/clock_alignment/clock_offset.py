@@ -27,17 +27,7 @@ class ClockPrior:
 
     @classmethod
     def of(cls, first: BoardRecord, second: BoardRecord) -> "ClockPrior | None":
-        """Prior from the clock models of two boards; None where they share no time.
-
-        Parameters
-        ----------
-        first, second
-            Boards with their clock errors.
-
-        Returns
-        -------
-        Prior of offset and drift at the middle of the common time.
-        """
+        """Prior from the clock models of two boards; None where they share no time."""
         begin = max(first.start_s, second.start_s)
         end = min(first.end_s, second.end_s)
         if end - begin <= 0:
@@ -65,21 +55,7 @@ class OffsetCandidate:
 def search_offsets(
     modes: tuple[SharedMode, ...], times_s: np.ndarray, ahead: ClockPrior
 ) -> list[OffsetCandidate]:
-    """Local maxima of the posterior of offset and drift on a grid.
-
-    Parameters
-    ----------
-    modes
-        Modes that both boards measure.
-    times_s
-        Times of the segments [s].
-    ahead
-        Prior of offset and drift.
-
-    Returns
-    -------
-    Candidates, the most probable first.
-    """
+    """Local maxima of the posterior of offset and drift on a grid, the most probable first."""
     top = 2 * np.pi * modes[-1].frequency_hz
     drifts = symmetric_grid(ahead.drift_sd, GRID_RAD / (top * ahead.seconds / 2))
     offsets = symmetric_grid(ahead.offset_sd_s, GRID_RAD / (2 * top))
@@ -110,19 +86,7 @@ def symmetric_grid(sd: float, step: float) -> np.ndarray:
 
 
 def is_measured_by_both(mode: SharedMode, times_s: np.ndarray, place: OffsetCandidate) -> bool:
-    """Whether the coherence of two boards at a mode exceeds that of noise.
-
-    Parameters
-    ----------
-    times_s
-        Times of the segments [s].
-    place
-        Candidate offset and drift.
-
-    Returns
-    -------
-    Whether the mode is coherent.
-    """
+    """Whether the coherence of two boards at a mode exceeds that of noise."""
     return mode.along(place.drift, times_s)[2] > mode.least_coherence
 
 
@@ -138,22 +102,7 @@ def solve_offset(
     What modes disagree about beyond their own errors widens the error of the offset; it is
     never less than if each mode's shape were complex by `COMPLEX_RAD`.
 
-    Parameters
-    ----------
-    modes
-        Modes that both boards measure.
-    times_s
-        Times of the segments [s].
-    ahead
-        Prior of offset and drift.
-    offset_s
-        Initial offset [s].
-    drift
-        Initial drift [1].
-
-    Returns
-    -------
-    Offset [s] and drift [1] with standard deviations, and the residual phase of each mode.
+    Gives offset [s] and drift [1], and the residual phase of each mode.
     """
     rows = [
         (mode.frequency_hz, time_s, *phase)

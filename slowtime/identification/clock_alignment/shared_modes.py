@@ -40,8 +40,6 @@ class SharedMode:
 
     Parameters
     ----------
-    frequency_hz
-        Of the peak [Hz].
     cross
         Channels of one board by channels of the other, for each stretch.
     power
@@ -61,16 +59,8 @@ class SharedMode:
     ) -> tuple[float, float, float]:
         """Phase in (-pi/2, pi/2] of all stretches together, its sd [rad], and coherence.
 
-        Parameters
-        ----------
-        drift
-            Seconds by which the second board's axis falls back per second.
-        times_s
-            Of the stretches, about the middle of the record [s].
-
-        Returns
-        -------
-        Phase [rad], its standard deviation [rad], and coherence [1].
+        The second board's axis falls back by `drift` seconds per second; times are about the
+        middle of the record.
         """
         turn = np.exp(-2j * np.pi * self.frequency_hz * drift * times_s)
         total = np.einsum("s,sij->ij", turn, self.cross)
@@ -103,19 +93,7 @@ def shared_modes(
     rate_hz: float,
     band_hz: tuple[float, float],
 ) -> tuple[tuple[SharedMode, ...], Float[np.ndarray, " stretch"]]:
-    """Modes that both boards measure, and the times of the segments.
-
-    Parameters
-    ----------
-    first, second
-        Samples of the boards on one grid.
-    band_hz
-        Search band [Hz].
-
-    Returns
-    -------
-    Modes, and times of the segments about the middle [s]
-    """
+    """Modes that both boards measure, and the times of segments about the middle [s]."""
     one, two = detrended(first), detrended(second)
     ours = [c.frequency_hz for c in detect_peaks(one, rate_hz, *band_hz)]
     theirs = np.array([c.frequency_hz for c in detect_peaks(two, rate_hz, *band_hz)])

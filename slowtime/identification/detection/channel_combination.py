@@ -19,17 +19,6 @@ def modal_series(
     with the real parts of the spectral matrices :math:`\hat S_p` averaged over the peak and
     :math:`\hat S_n` over the quieter half of the rest of its band. The scale is that of the
     channel that moves most, so amplitudes keep their meaning.
-
-    Parameters
-    ----------
-    columns
-        Samples of all channels, in any unit.
-    candidate
-        Detected peak, with the band that belongs to it [Hz].
-
-    Returns
-    -------
-    Weighted sum, in the unit of the channel that moves most.
     """
     if columns.shape[1] == 1:
         return columns[:, 0]

@@ -57,17 +57,6 @@ def isolate_mode(
     itself times a constant: frequency and damping stay, and the edges, where it would not, are
     given up. What is slower than the band is left to the fit as drift wherever a filter
     would cost too much of a short record.
-
-    Parameters
-    ----------
-    series
-        Samples of one channel.
-    candidate
-        Detected peak, with the band that belongs to it [Hz].
-
-    Returns
-    -------
-    Reduced series, with its band, start and frequency shift.
     """
     low = max(candidate.low_hz, candidate.frequency_hz / REACH)
     high = min(candidate.high_hz, candidate.frequency_hz * REACH)

@@ -25,30 +25,14 @@ FEWEST = 8192
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class LongRecord:
-    """A record, and what has been made of it at lower rates.
-
-    Parameters
-    ----------
-    columns
-        Samples without trend.
-    rate_hz
-        Samples per second [Hz].
-    """
+    """A record, and what has been made of it at lower rates."""
 
     columns: Float[np.ndarray, "time channel"]
     rate_hz: float
     _slower: dict[int, Decimated] = dataclasses.field(default_factory=dict)
 
     def at_rate_for(self, frequency_hz: float, cycles: float = SAMPLES_PER_CYCLE) -> Decimated:
-        """Record decimated to no less than `cycles` samples per cycle, if it is long.
-
-        Parameters
-        ----------
-        frequency_hz
-            Frequency of the mode [Hz].
-        cycles
-            Least number of samples per cycle.
-        """
+        """Record decimated to no less than `cycles` samples per cycle, if it is long."""
         count = len(self.columns)
         most = min(self.rate_hz / (cycles * frequency_hz), count / FEWEST)
         factor = 1
@@ -59,17 +43,7 @@ class LongRecord:
         return self._slower[factor]
 
     def near(self, frequency_hz: float) -> Decimated:
-        """Record reduced to a band about a frequency, as the excitation tests need it.
-
-        Parameters
-        ----------
-        frequency_hz
-            Centre of the band [Hz].
-
-        Returns
-        -------
-        Demodulated record of at most `LONG` samples.
-        """
+        """Record reduced to a band about a frequency, as the excitation tests need it."""
         slower = self.at_rate_for(frequency_hz)
         if len(slower.samples) <= LONG:
             return slower
@@ -87,17 +61,7 @@ class LongRecord:
         return len(self.columns) / self.rate_hz
 
     def about(self, candidate: PeakCandidate) -> tuple[Decimated, PeakCandidate]:
-        """Record at the rate that a candidate needs, and the candidate in its band.
-
-        Parameters
-        ----------
-        candidate
-            Detected peak, with the band that belongs to it [Hz].
-
-        Returns
-        -------
-        Decimated record, and the candidate with its band limited to the new rate.
-        """
+        """Record at the rate that a candidate needs, and the candidate in its band."""
         slower = self.at_rate_for(candidate.frequency_hz)
         if slower.rate_hz == self.rate_hz:
             return slower, candidate

@@ -76,19 +76,6 @@ def detect_peaks(
     Every channel's Hann periodogram is divided by its own floor; the mean over channels of n
     ordinates exceeds the quantile of a gamma law with probability `FALSE_ALARM` over the whole
     spectrum. What is weak beside a close, stronger peak is left to that one's fit.
-
-    Parameters
-    ----------
-    columns
-        Samples of all channels, in any unit.
-    low, high
-        Limits of the search [Hz].
-    taper
-        Window of the periodogram.
-
-    Returns
-    -------
-    Candidates with their bands [Hz] and prominences [dB]
     """
     curve = _curve(columns, rate_hz, taper, high)
     inside = (curve.frequency_hz >= low) & (curve.frequency_hz <= high)
@@ -115,19 +102,6 @@ def detect_separate_peaks(
     Peaks are sought in the whole record, so that the band of a candidate ends at the valley to
     its neighbour, and not at an edge that the user chose. A peak just outside is returned too,
     because the frequency of its mode may lie inside.
-
-    Parameters
-    ----------
-    columns
-        Samples of all channels, in any unit.
-    band_hz
-        Of the modes that are reported [Hz]; None for all.
-    taper
-        Window of the periodogram.
-
-    Returns
-    -------
-    Candidates with their bands [Hz] and prominences [dB], ascending in frequency
     """
     usual = checks.band(None, rate_hz, len(columns))
     given = None if band_hz is None else checks.band(band_hz, rate_hz, len(columns))
@@ -150,19 +124,8 @@ def strongest_peak(
 ) -> PeakCandidate:
     """Peak with the highest prominence, significant or not.
 
-    Parameters
-    ----------
-    columns
-        Samples of all channels, in any unit.
-    low, high
-        Limits of the peak's frequency [Hz]; its band ends at the valleys to its neighbours,
-        which may lie outside.
-    taper
-        Window of the periodogram.
-
-    Returns
-    -------
-    Candidate with its band [Hz] and prominence [dB]
+    Limits are those of its frequency; its band ends at the valleys to its neighbours, which may
+    lie outside.
     """
     usual = checks.band(None, rate_hz, len(columns))
     everywhere = detect_peaks(
@@ -182,17 +145,6 @@ def without_companions(found: list[PeakCandidate], duration_s: float) -> list[Pe
 
     The band of a companion goes to its nearest stronger neighbour, so that both are fitted
     together.
-
-    Parameters
-    ----------
-    found
-        Candidates, ascending in frequency.
-    duration_s
-        Duration of the record [s].
-
-    Returns
-    -------
-    Remaining candidates, with the bands of their companions.
     """
     lead = [c for c in found if not any(_outshines(other, c, duration_s) for other in found)]
     for companion in found:
@@ -261,18 +213,8 @@ def separate_peaks(
     to all those behind it as well. With the minima between neighbours in a table of powers of
     two [1]_ the work is of the order of n log n for n peaks.
 
-    Parameters
-    ----------
-    level_db
-        Spectrum [dB].
-    tops
-        Places of the peaks, ascending.
-    valley_db
-        How far below each peak the valley has to reach [dB].
-
-    Returns
-    -------
-    Places of those that are separate, ascending.
+    `tops` and the places returned are indices, ascending; `valley_db` is how far below each
+    peak its valley has to reach [dB].
 
     References
     ----------

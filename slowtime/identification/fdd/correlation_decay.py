@@ -89,20 +89,8 @@ def fit_correlation_decay(
 ) -> CorrelationDecay | None:
     """Frequency and damping from the correlation of a bell; None if it does not decay.
 
-    Parameters
-    ----------
-    frequency_hz, density
-        Ordinates of the bell, of a record without a taper: neither averaged nor thinned.
-    centre_hz
-        About where the mode is [Hz].
-    rate_hz, count
-        Of the record.
-    derivatives
-        2 for acceleration, 1 for velocity, 0 for displacement.
-
-    Returns
-    -------
-    Pole with standard deviations, or None.
+    The ordinates are those of the bell, of a record without a taper: neither averaged nor
+    thinned.
     """
     regression = _regression(frequency_hz, density, centre_hz, count / rate_hz)
     if regression is None:

@@ -57,19 +57,7 @@ class ScaledCoefficients:
         return self.count / self.rate_hz
 
     def half_width_hz(self, frequency_hz: float, resolution: float) -> float:
-        """Half-width of the average about a frequency [Hz].
-
-        Parameters
-        ----------
-        frequency_hz
-            Centre [Hz].
-        resolution
-            Half-width relative to frequency [1].
-
-        Returns
-        -------
-        Half-width [Hz].
-        """
+        """Half-width of the average about a frequency [Hz]."""
         fewest = max(FEWEST_BINS, self.coefficients.shape[1]) / self.duration_s
         return float(max(resolution * frequency_hz, fewest))
 
@@ -97,16 +85,7 @@ def scaled_coefficients(
 ) -> ScaledCoefficients:
     """Fourier coefficients of a record, without the bins of machine lines.
 
-    Parameters
-    ----------
-    samples
-        Equally spaced samples in any unit, channels in columns.
-    lines
-        Frequencies of machine lines with their standard deviations [Hz].
-
-    Returns
-    -------
-    Coefficients of the channels that move, scaled to equal level.
+    Channels that move are scaled to equal level.
     """
     columns = detrended(checks.series(samples, rate_hz))
     moving = checks.moving(samples[:, None] if samples.ndim == 1 else samples)
@@ -125,13 +104,7 @@ def scaled_coefficients(
 
 
 def kernel_weights(away: Float[np.ndarray, " bin"]) -> Float[np.ndarray, " bin"]:
-    """Weights of ordinates in the spectral average [1].
-
-    Parameters
-    ----------
-    away
-        Distance from the centre [half-widths].
-    """
+    """Weights of ordinates in the spectral average [1]."""
     return np.asarray(np.maximum(1 - away**2, 0.0) ** 3)
 
 
@@ -143,20 +116,9 @@ def decompose_spectrum(
 ) -> SpectralDecomposition:
     """Singular value decomposition of the whole spectrum, with its significant peaks.
 
-    Parameters
-    ----------
-    data
-        Fourier coefficients of all channels.
-    band_hz
-        What is to be covered besides [Hz]: all from 20 cycles in the record to nearly half the
-        rate is, so that peaks and valleys do not depend on the band that is reported.
-    resolution
-        Half-width of the average, relative to the frequency: two modes nearer to each other
-        are seen as one.
-
-    Returns
-    -------
-    Singular values, first singular vectors, and peaks.
+    All from 20 cycles in the record to nearly half the rate is covered, so that peaks and
+    valleys do not depend on the band that is reported. Two modes nearer to each other than
+    `resolution`, relative to the frequency, are seen as one.
     """
     low, high = _modelled_band(band_hz, data)
     places = [low]
@@ -186,17 +148,7 @@ def decompose_spectrum(
 def ordinates_about(
     data: ScaledCoefficients, place_hz: float, half_width_hz: float
 ) -> tuple[slice, Float[np.ndarray, " bin"]]:
-    """Ordinates about a frequency, and their weights.
-
-    Parameters
-    ----------
-    data
-        Scaled coefficients.
-    place_hz
-        Centre [Hz].
-    half_width_hz
-        Half-width of the average [Hz].
-    """
+    """Ordinates about a frequency, and their weights."""
     edges = place_hz - half_width_hz, place_hz + half_width_hz
     first, last = np.searchsorted(data.frequency_hz, edges)
     away = (data.frequency_hz[first:last] - place_hz) / half_width_hz

@@ -24,19 +24,10 @@ def along_decay(
 ) -> tuple[Identified, DecayLaw | None]:
     """Compare a mode of a free decay with its course along the decay.
 
-    Parameters
-    ----------
-    mode
-        As fitted to a stretch of the decay.
-    samples
-        The whole record.
-
-    Returns
-    -------
-    The mode: with at least the error that its difference from the whole decay tells; or, where
-    damping or frequency depend on amplitude, with the values at the middle amplitude and a
-    standard deviation that spans those at amplitudes down to a tenth of the largest. And the
-    law; None where the decay is too short for one.
+    The mode has at least the error that its difference from the whole decay tells. Where
+    damping or frequency depend on amplitude, it has the values at the middle amplitude and a
+    standard deviation that spans those at amplitudes down to a tenth of the largest. The law is
+    None where the decay is too short for one.
     """
     try:
         law = decay_law(decay_envelope(samples, rate_hz, near_hz=mode.frequency_hz.value))

@@ -146,14 +146,7 @@ class DecayLaw:
 def decay_law(envelope: Envelope) -> DecayLaw:
     """Fit the law of the amplitude, with as few terms as the record asks for.
 
-    Parameters
-    ----------
-    envelope
-        Of one mode along a decay.
-
-    Returns
-    -------
-    The law of the least Bayesian information criterion among all sets of terms.
+    It has the least Bayesian information criterion among all sets of terms.
     """
     size, count = envelope.amplitude, len(envelope.amplitude)
     # Viscous damping comes first, and what needs fewer terms: others must be better.

@@ -49,22 +49,9 @@ def mode_of_fit(
 ) -> SegmentFit:
     """One mode of a fit, with errors from the information and the noise next to it.
 
-    Parameters
-    ----------
-    fit
-        Fit of several decays.
-    which
-        Index of the mode.
-    start_s
-        Time of the first sample [s].
-    band_hz
-        Band over which the noise is judged [Hz]; the whole spectrum where None.
-    shift_hz
-        What was taken off all frequencies of the series before [Hz].
-
-    Returns
-    -------
-    The mode, its pole [rad/s], and the share of power that decays explain.
+    The noise is judged over `band_hz`, or the whole spectrum; `shift_hz` was taken off all
+    frequencies before. The pole is in rad/s; the share is that of the power that decays
+    explain.
     """
     pole, modes, count = complex(fit.poles[which]), len(fit.poles), len(fit.residual)
     noise = _noise(fit, pole, rate_hz, band_hz)

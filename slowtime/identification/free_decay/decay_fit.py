@@ -48,12 +48,7 @@ class DecayFit:
 
 
 def drift_basis(count: int, terms: int) -> Float[np.ndarray, "time term"]:
-    """Orthonormal cosines over the record: a constant, then rising frequencies.
-
-    Returns
-    -------
-    Orthonormal columns.
-    """
+    """Orthonormal cosines over the record: a constant, then rising frequencies."""
     instants = (np.arange(count) + 0.5) / count
     basis = np.cos(np.pi * np.outer(instants, np.arange(terms)))
     return np.asarray(basis / np.linalg.norm(basis, axis=0))
@@ -69,20 +64,8 @@ def fit_decays(
 ) -> DecayFit:
     """Least squares over poles, amplitudes and drift: maximum likelihood in white noise.
 
-    Parameters
-    ----------
-    series
-        Equally spaced samples, the first one at t = 0.
-    poles
-        Where to start, one per mode, with positive imaginary parts; none may coincide.
-    drift
-        Orthonormal columns that may also be in the series.
-    steps
-        At most so many Gauss-Newton steps; 0 only solves for the amplitudes.
-
-    Returns
-    -------
-    Poles, amplitudes, residual, and the covariance per unit noise variance.
+    The series begins at t = 0. Poles to start from have positive imaginary parts, and none may
+    coincide. With 0 steps only amplitudes are solved for.
     """
     times = np.arange(len(series)) / rate_hz
     target = series - drift @ (drift.T @ series)
@@ -178,17 +161,7 @@ def _step(state: _State, damping: float) -> tuple[np.ndarray, float]:
 
 
 def signal_subspace(series: Float[np.ndarray, " time"]) -> Float[np.ndarray, "lag direction"]:
-    """Leading directions of the Hankel matrix of a series, the strongest first.
-
-    Parameters
-    ----------
-    series
-        Equally spaced samples.
-
-    Returns
-    -------
-    Orthonormal directions.
-    """
+    """Leading directions of the Hankel matrix of a series, the strongest first."""
     window = min(len(series) // 3, WIDEST_PENCIL)
     # A copy: BLAS takes no view whose rows overlap, and the plain loops are ten times as slow.
     hankel = np.ascontiguousarray(np.lib.stride_tricks.sliding_window_view(series, window))
@@ -207,17 +180,6 @@ def matrix_pencil(
 
     Rotational invariance of the leading directions of the Hankel matrix (`signal_subspace`);
     good enough to start from, and free of starting values itself.
-
-    Parameters
-    ----------
-    space
-        Signal subspace.
-    order
-        Number of real oscillations.
-
-    Returns
-    -------
-    Poles [rad/s], ascending.
     """
     vectors = space[:, : 2 * order]
     shift = np.linalg.lstsq(vectors[:-1], vectors[1:], rcond=None)[0]

@@ -30,17 +30,6 @@ def is_random(part: IsolatedSeries, candidate: PeakCandidate) -> bool:
     The envelope of a sum of p decays has a Hankel matrix of rank p, over every stretch. A mode
     under random force is driven anew within its memory, and has full rank. This costs a
     thousandth of fitting decays to all stretches.
-
-    Parameters
-    ----------
-    part
-        Series reduced to one mode.
-    candidate
-        Detected peak, with the band that belongs to it [Hz].
-
-    Returns
-    -------
-    True if the series is no free decay.
     """
     power = np.array([np.sum(eighth**2) for eighth in np.array_split(part.series, PARTS)])
     if (power[1:] + power[:-1]).max() > CONCENTRATED * power.sum():

@@ -109,14 +109,10 @@ class Envelope:
 
     Parameters
     ----------
-    times_s
-        Of the middles of windows [s].
     half_cycles
         Counted from the first [1].
     amplitude, amplitude_sd
         In the unit of the channel that moves most.
-    frequency_hz, frequency_sd_hz
-        Of the oscillation about each [Hz].
     channel
         Number of that channel.
     overlap
@@ -160,21 +156,8 @@ def decay_envelope(
 ) -> Envelope:
     """Follow a mode from the largest motion on, down to the noise.
 
-    Parameters
-    ----------
-    samples
-        A free decay, with whatever came before its release.
-    start_s
-        Before which nothing is used [s].
-    band_hz
-        Where the mode is [Hz]; by default anywhere.
-    near_hz
-        Frequency near which it is [Hz]; by default that of the strongest line.
-
-    Raises
-    ------
-    ValueError
-        Where there are too few cycles above the noise.
+    Nothing before `start_s` is used; the mode is in `band_hz`, near `near_hz`, by default at
+    the strongest line. Raises `ValueError` where there are too few cycles above the noise.
     """
     columns = np.asarray(samples, dtype=float)
     columns = columns[:, None] if columns.ndim == 1 else columns
@@ -211,12 +194,10 @@ def decay_envelope(
 
 
 def _release(scaled: Samples, rate_hz: float, near_hz: float | None) -> int:
-    """Row from which a structure is free: that of the largest motion, or a later one.
-
-    Along a decay the last times of levels that form a geometric series follow each other
-    evenly. A drive that stops within the record stays at one level long after those above were
-    last reached, and below it the levels follow at once.
-    """
+    """Row from which a structure is free: that of the largest motion, or a later one."""
+    # Along a decay the last times of levels that form a geometric series follow each other
+    # evenly. A drive that stops within the record stays at one level long after those above
+    # were last reached, and below it the levels follow at once.
     power = np.sum(scaled**2, axis=1)
     largest = int(np.argmax(power))
     lines = np.sum(np.abs(np.fft.rfft(scaled, axis=0)) ** 2, axis=1)
@@ -474,10 +455,8 @@ def _envelope(
 
 
 def _disagree(clear: Points, left: Points) -> bool:
-    """Whether the ratios of channels change along a decay: two modes are taken for one.
-
-    Their beat then imitates damping, too slowly for another line to be seen.
-    """
+    """Whether the ratios of channels change along a decay: two modes are taken for one."""
+    # Their beat then imitates damping, too slowly for another line to be seen.
     return bool(left.mean() > DISAGREE**2 and left.sum() > BEATS_SHARE * clear.sum())
 
 
@@ -506,10 +485,8 @@ def _count(size: Points, sd: Points, phase: Points) -> int:
 
 
 def _roughness(logs: Points, relative: Points) -> float:
-    """Scatter of amplitudes about a smooth course, over what windows tell; at least 1.
-
-    Third differences of every second window, which overlaps no other, leave what is smooth.
-    """
+    """Scatter of amplitudes about a smooth course, over what windows tell; at least 1."""
+    # Third differences of every second window, which overlaps no other, leave what is smooth.
     if len(logs) < 10:
         return 1.0
     rough = logs[6:] - 3 * logs[4:-2] + 3 * logs[2:-4] - logs[:-6]
@@ -526,16 +503,7 @@ def _frequencies(times: Points, phase: Points, relative: Points) -> tuple[Points
 def local_slopes(at: Points, values: Points, sd: Points) -> tuple[Points, Points]:
     """Slopes of parabolas through the points about each, with standard deviations.
 
-    Parameters
-    ----------
-    at, values
-        Abscissas, and values half of whose neighbours' samples are their own.
-    sd
-        Standard deviations of the values.
-
-    Returns
-    -------
-    Slopes, and their standard deviations.
+    Half of the samples of each value's neighbours are its own.
     """
     count = len(at)
     reach = min(max(count // 6, 2), 6)

@@ -93,16 +93,7 @@ def identify_free_decay(
 def fit_segment(part: IsolatedSeries, candidate: PeakCandidate) -> SegmentFit:
     """Fit as many decays as the Bayesian criterion allows; return the candidate's.
 
-    Parameters
-    ----------
-    part
-        Series reduced to one mode.
-    candidate
-        Detected peak, with the band that belongs to it [Hz].
-
-    Returns
-    -------
-    Mode of the candidate, flagged `strayed` if none is near it.
+    It is flagged `strayed` if none is near the candidate.
     """
     count = len(part.series)
     duration = count / part.rate_hz
@@ -131,16 +122,7 @@ def fit_impact_decay(
     Nothing is filtered away first, since a filter would cost the first and loudest samples.
     None where the record does not have most of its power in its first half.
 
-    Parameters
-    ----------
-    columns
-        Samples of all channels, in any unit.
-    found
-        Candidates, the mode first.
-
-    Returns
-    -------
-    Mode of the first candidate, or None if there was no impact.
+    Modes of all candidates are fitted; the first is given.
     """
     loudness = np.sum(columns**2, axis=1)
     if loudness[: len(loudness) // 2].sum() < FRONT_SHARE * loudness.sum():
@@ -185,20 +167,7 @@ def index_of_candidate(
 ) -> int | None:
     """Index of the most energetic fitted mode near the candidate, if there is one.
 
-    Parameters
-    ----------
-    fit
-        Fitted decays.
-    duration
-        Duration of the series [s].
-    candidate
-        Detected peak, with the band that belongs to it [Hz].
-    shift_hz
-        Subtracted from all frequencies before [Hz].
-
-    Returns
-    -------
-    Index, or None.
+    `shift_hz` was subtracted from all frequencies before.
     """
     decay = np.clip(-fit.poles.real, 1e-9, None)
     energy = np.abs(fit.amplitudes) ** 2 * -np.expm1(-2 * decay * duration) / decay

@@ -46,19 +46,8 @@ def best_segment(
     An impact, a move or another disturbance inside a stretch is not a decay: it leaves a
     residual, the residual widens the error, and the stretch loses to one without.
 
-    Parameters
-    ----------
-    part
-        Series reduced to one mode.
-    candidate
-        Detected peak, with the band that belongs to it [Hz].
-    least
-        Share of the power that decays have to explain [1].
-
-    Returns
-    -------
-    The fit, flagged `part_of_record` if the segment is not the whole; None where none explains
-    as much as is asked.
+    It explains at least the share `least` of the power; None where none does. It is flagged
+    `part_of_record` if the segment is not the whole.
     """
     options = _stretches(part, candidate)
     ranked = sorted(options, key=lambda one: _quick_error(one, candidate))
@@ -88,16 +77,7 @@ def widen_for_change(mode: Identified, first: Measured, second: Measured) -> Ide
     the halves, and its spread about the mean is that over sqrt(3). What the halves' own errors
     explain, with a probability of 95 %, is taken off.
 
-    Parameters
-    ----------
-    mode
-        Mode of the whole.
-    first, second
-        Frequencies of the halves [Hz].
-
-    Returns
-    -------
-    Mode with the wider error, flagged `changes_within_record` beyond three standard deviations.
+    The mode is flagged `changes_within_record` beyond three standard deviations.
     """
     if not np.isfinite([mode.frequency_hz.sd, first.sd, second.sd]).all():
         return mode

@@ -33,15 +33,8 @@ MAX_GROWTH = 0.05
 def misfit_of_two_modes(envelope: Envelope) -> float:
     """Fit two decaying exponentials to the slow flow.
 
-    Parameters
-    ----------
-    envelope
-        Of one mode along a decay, or of what was taken for one.
-
-    Returns
-    -------
-    Sum of squares of what they leave of the flow, over its errors [1]; infinite where the fit
-    is not one of two modes of different frequencies.
+    Gives the sum of squares of what they leave of the flow, over its errors [1]; infinite where
+    the fit is not one of two modes of different frequencies.
     """
     flow = envelope.amplitude * np.exp(1j * np.pi * envelope.half_cycles)
     times = envelope.times_s - envelope.times_s[0]

@@ -64,12 +64,8 @@ def spectral_matrices(
 ) -> SpectralMatrices:
     """Average products of transforms over blocks.
 
-    Parameters
-    ----------
-    inputs, outputs
-        Transforms of each block.
-    averages
-        Effective number of independent blocks, where they overlap; by default all.
+    `averages` is the effective number of independent blocks, where they overlap; by default
+    all.
     """
     count = len(inputs)
     return SpectralMatrices(
@@ -85,16 +81,8 @@ def estimate_response(
 ) -> Complex[np.ndarray, "line output input"]:
     """Frequency responses of all outputs and inputs.
 
-    Parameters
-    ----------
-    estimator
-        `h1`, `h2` (one input only) or `hv`.
-
-    Raises
-    ------
-    ValueError
-        Where inputs are coherent, fewer blocks than inputs were averaged, or H2 is asked for
-        with several inputs.
+    H2 is for one input only. Raises `ValueError` where inputs are coherent, fewer blocks than
+    inputs were averaged, or H2 is asked for with several inputs.
     """
     count = spectra.inputs.shape[1]
     if estimator not in ("h1", "h2", "hv"):
@@ -119,9 +107,7 @@ def estimate_response(
 def input_coherence(spectra: SpectralMatrices) -> Float[np.ndarray, "line input"]:
     r"""Multiple coherence of each input with all others, :math:`1 - 1 / (S_{ii} S^{ii})`.
 
-    Returns
-    -------
-    Coherence [1]; 0 for a single input.
+    It is 0 for a single input.
     """
     power = np.einsum("fii->fi", spectra.inputs).real
     size = np.sqrt(np.maximum(power, 1e-300))
@@ -134,10 +120,7 @@ def input_coherence(spectra: SpectralMatrices) -> Float[np.ndarray, "line input"
 def check_inputs(spectra: SpectralMatrices) -> None:
     """Refuse inputs that cannot be told apart.
 
-    Raises
-    ------
-    ValueError
-        Where an input is coherent with the others.
+    Raises `ValueError` where an input is coherent with the others.
     """
     median = np.median(input_coherence(spectra), axis=0)
     worst = int(np.argmax(median))
@@ -172,14 +155,8 @@ def random_error(
     for one input the modulus then has the error :math:`\sqrt{1 - \gamma^2} / (|\gamma|
     \sqrt{2 K})` of [1]_, table 9.6.
 
-    Parameters
-    ----------
-    noise
-        Power of the noise of each output; by default from the coherence.
-
-    Returns
-    -------
-    Standard deviations; not a number where no more blocks than inputs were averaged.
+    The power of the noise of each output is by default that of the coherence; not a number
+    where no more blocks than inputs were averaged.
     """
     inverse = np.einsum("fii->fi", np.linalg.pinv(spectra.inputs, hermitian=True)).real
     power = output_noise(spectra) if noise is None else noise
@@ -190,9 +167,7 @@ def random_error(
 def output_noise(spectra: SpectralMatrices) -> Float[np.ndarray, "line output"]:
     """Power of each output that the inputs do not explain, without bias.
 
-    Returns
-    -------
-    Power; not a number where no more blocks than inputs were averaged.
+    Not a number where no more blocks than inputs were averaged.
     """
     free = spectra.averages - spectra.inputs.shape[1]
     if free <= 0:

@@ -16,16 +16,7 @@ PULSE_LEVEL = 0.05
 
 
 def kind_of_excitation(force: Float[np.ndarray, "time input"]) -> Excitation:
-    """Tell hammer blows from continuous excitation.
-
-    Parameters
-    ----------
-    force
-        Samples of the inputs.
-
-    Returns
-    -------
-    `hammer` where a single input is nearly always at rest, else `shaker`.
+    """Tell hammer blows, a single input that is nearly always at rest, from a shaker.
 
     Examples
     --------

@@ -52,20 +52,10 @@ def hammer_response(
 
     Parameters
     ----------
-    force, responses
-        Samples of one record.
     hits
         Blows, as `find_hits` gives them; those refused are left out.
-    kind
-        What the responses are.
-    estimator
-        `h1`, `h2` or `hv`.
     decay_rate
         Of the exponential window [1/s]; 0 for none.
-
-    Returns
-    -------
-    Frequency responses with their errors; without errors for a single blow.
 
     Raises
     ------

@@ -79,19 +79,11 @@ def find_hits(
 
     Parameters
     ----------
-    force
-        Measured force, of either sign.
-    responses
-        Measured responses, for overloads.
     block_s
         Length of a block [s]; by default from a blow to the next, the shortest such.
     limits
         Largest value that force and responses can have, where it is known. Otherwise an
         overload is told by neighbouring samples of the same, largest value.
-
-    Returns
-    -------
-    All blows in order of time.
 
     Raises
     ------
@@ -125,15 +117,8 @@ def rest_before(
     A recorder that is triggered by the hammer stores nothing before it; the structure was at
     rest then, and force and responses may be continued by their levels.
 
-    Parameters
-    ----------
-    force, responses
-        Samples.
-
-    Returns
-    -------
-    Samples to put in front; 0 where the record begins long enough before the blow, or the
-    structure moves before it.
+    It is 0 where the record begins long enough before the blow, or the structure moves before
+    it.
     """
     signed = _upright(force)
     threshold = max(TRIGGER * signed.max(), NOISE_FACTOR * _noise(signed))

@@ -15,14 +15,7 @@ def smoothed_power(
 ) -> Float[np.ndarray, "row entry"]:
     """Return sums of power over sums of weights, over neighbouring rows.
 
-    Parameters
-    ----------
-    power
-        Squared moduli.
-    weight
-        Expected share of the noise in each of them [1].
-    half_width
-        Rows on either side.
+    Weights are the expected shares of the noise; there are `half_width` rows on either side.
     """
     rows = len(power)
     half_width = min(half_width, max(1, rows // 4))

@@ -35,8 +35,6 @@ class LocalEstimate:
 
     Parameters
     ----------
-    response
-        Frequency responses.
     sd
         Standard deviation of their complex errors.
     noise
@@ -53,15 +51,8 @@ def local_polynomial(
 ) -> LocalEstimate:
     """Frequency responses at every line of the transforms of one record.
 
-    Parameters
-    ----------
-    inputs, outputs
-        Transforms at neighbouring lines, without a window.
-
-    Raises
-    ------
-    ValueError
-        Where there are too few lines.
+    Transforms are at neighbouring lines, without a window. Raises `ValueError` where there are
+    too few.
     """
     unknowns = (DEGREE + 1) * (inputs.shape[1] + 1)
     half = -(-(unknowns + SPARE - 1) // 2)

@@ -61,19 +61,7 @@ class FrequencyResponse:
     def within(self, low_hz: float, high_hz: float) -> "FrequencyResponse":
         """Give the lines of a band.
 
-        Parameters
-        ----------
-        low_hz, high_hz
-            Limits of the band [Hz].
-
-        Returns
-        -------
-        The same with fewer lines.
-
-        Raises
-        ------
-        ValueError
-            Where the band holds fewer than four lines.
+        Raises `ValueError` where the band holds fewer than four lines.
         """
         kept = (self.frequency_hz >= low_hz) & (self.frequency_hz <= high_hz)
         if np.count_nonzero(kept) < 4:

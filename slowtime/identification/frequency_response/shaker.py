@@ -47,26 +47,9 @@ def shaker_response(
 ) -> FrequencyResponse:
     """Average frequency responses over blocks that overlap by half.
 
-    Parameters
-    ----------
-    inputs, outputs
-        Samples of one record.
-    kind
-        What the responses are.
-    estimator
-        `h1`, `h2` (one input) or `hv`.
-    block
-        Samples of a block; by default a sixteenth of the record.
-
-    Returns
-    -------
-    Frequency responses with their random errors. The leakage of resonances that are narrower
-    than four lines is a bias besides, which these errors do not contain.
-
-    Raises
-    ------
-    ValueError
-        Where inputs are coherent, or blocks do not fit.
+    Blocks have `block` samples, by default a sixteenth of the record. The leakage of resonances
+    that are narrower than four lines is a bias besides, which the random errors do not contain.
+    Raises `ValueError` where inputs are coherent, or blocks do not fit.
     """
     count = len(inputs)
     size = block_samples(count) if block is None else block

@@ -36,8 +36,6 @@ class MachineLines:
         Frequencies of all lines found [Hz].
     families
         Speeds of machines that these are multiples of.
-    duration_s
-        Duration of the record [s].
     """
 
     lines_hz: Sequence[Measured]
@@ -46,13 +44,6 @@ class MachineLines:
 
     def judge(self, frequency_hz: Measured, damping_ratio: Measured) -> Verdict:
         """Judge what was fitted as a mode.
-
-        Parameters
-        ----------
-        frequency_hz
-            Natural frequency [Hz].
-        damping_ratio
-            Damping ratio [1]; NaN where the method knows none.
 
         Returns
         -------

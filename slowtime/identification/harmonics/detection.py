@@ -75,8 +75,6 @@ class PeakClass:
         under blows.
     sharpness
         Share of the power in the band that one tone takes, noise counted out, 0 to 1.
-    snr_db
-        Power of the peak over the noise in its band.
     amplitude
         Root mean square in the channel that moves most, in the unit of the samples.
     shape
@@ -136,8 +134,6 @@ def classify_peaks(
 
     Parameters
     ----------
-    samples, rate_hz
-        Record in any unit, channels in columns.
     frequency_hz
         Where to look, such as the frequencies of identified modes [Hz]. The strongest
         ordinate within 4 bins or 0.1 % is meant.
@@ -148,12 +144,6 @@ def classify_peaks(
         Damping ratio below which nothing is taken for a structure [1].
     false_alarm
         Probability of calling a mode of that damping, or more, a harmonic, for each peak.
-    seed
-        Of the drawn modes; each peak is judged by itself, whatever the others.
-
-    Returns
-    -------
-    Class and statistics of each peak.
 
     References
     ----------
@@ -180,17 +170,7 @@ def classify_peaks(
 def classify_in_spectra(
     spectra: FourierSpectra, frequency_hz: Float[np.ndarray, " peak"]
 ) -> tuple[PeakClass, ...]:
-    """Classify peaks as `classify_peaks` does, from spectra whose channels all move.
-
-    Parameters
-    ----------
-    frequency_hz
-        Frequencies of the peaks [Hz].
-
-    Returns
-    -------
-    Class and statistics of each peak.
-    """
+    """Classify peaks as `classify_peaks` does, from spectra whose channels all move."""
     moving = np.ones(spectra.coefficients.shape[1], dtype=bool)
     return tuple(
         _verdict(spectra, moving, float(f), DecisionLimits(), ()) for f in frequency_hz
@@ -212,25 +192,7 @@ def find_harmonics(
     Every sharp peak is judged as `classify_peaks` would; where the lines found are multiples
     of a base, the other peaks on its multiples are judged again as at a known speed.
 
-    Parameters
-    ----------
-    samples
-        Samples of all channels.
-    band_hz
-        Where to look [Hz]; by default from four cycles in the record to 0.45 of the rate.
-    known_hz
-        Known speeds of machines [Hz].
-    least_damping
-        Smallest damping ratio of a structural mode [1].
-    false_alarm
-        Probability with which a mode may be called a line [1].
-    seed
-        Seed of the simulated envelopes.
-
-    Returns
-    -------
-    Harmonics ascending in frequency, and their families; `Family.members` counts the
-    harmonics from 0.
+    Harmonics ascend in frequency; `members` of a family counts them from 0.
 
     Examples
     --------

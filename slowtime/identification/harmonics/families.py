@@ -30,8 +30,6 @@ class HarmonicFamily:
 
     Parameters
     ----------
-    base_hz
-        Fitted to all members [Hz].
     members
         Which of the lines given belong, counted from 0.
     orders
@@ -55,16 +53,8 @@ def group_into_families(
     lines meet a multiple of a base b within their error e with probability 2 e / b; the chance
     of a family is the binomial one of so many meetings, times the number of bases tried.
 
-    Parameters
-    ----------
-    lines
-        Frequencies and their errors [Hz].
-    resolution_hz
-        Of the record: one over its duration.
-
-    Returns
-    -------
-    Families, the least probable by chance first.
+    The least probable by chance come first; `resolution_hz` is one over the duration of the
+    record.
 
     Examples
     --------

@@ -41,17 +41,7 @@ class FourierSpectra:
 def fourier_spectra(
     samples: Float[np.ndarray, "time channel"], rate_hz: float
 ) -> FourierSpectra:
-    """Fourier coefficients of a whole record, without a taper.
-
-    Parameters
-    ----------
-    samples
-        Equally spaced samples in any unit, channels in columns.
-
-    Returns
-    -------
-    Coefficients and their spacing [Hz]
-    """
+    """Fourier coefficients of a whole record, without a taper."""
     frequency, coefficients = transform(samples, rate_hz)
     return FourierSpectra(coefficients, float(frequency[1]))
 
@@ -73,17 +63,6 @@ def narrow_band(spectra: FourierSpectra, centre: int, half_width: int) -> Narrow
 
     The direction maximises :math:`w^H S_p w / w^H S_n w`, with the spectral matrices of the
     peak's bins and of its surroundings.
-
-    Parameters
-    ----------
-    centre
-        Central bin.
-    half_width
-        Half-width of the band [bins].
-
-    Returns
-    -------
-    Envelope scaled to unit noise density, and its signal-to-noise ratio.
     """
     last = len(spectra.coefficients) - 1
     half_width = max(1, min(half_width, centre - 1, last - centre))
@@ -107,16 +86,9 @@ def narrow_band(spectra: FourierSpectra, centre: int, half_width: int) -> Narrow
 def steadiness(
     envelopes: Complex[np.ndarray, "*draw instant"],
 ) -> Float[np.ndarray, "*draw"]:
-    r"""Fourth moment of the envelope over its squared second moment, :math:`\rho`.
+    r"""Fourth moment of the envelope over its squared second moment, row by row.
 
-    Parameters
-    ----------
-    envelopes
-        Complex envelopes, one row per draw.
-
-    Returns
-    -------
-    rho of each row: 1 for constant amplitude, 2 for a Gaussian process.
+    It is 1 for constant amplitude, and 2 for a Gaussian process.
 
     Examples
     --------
@@ -131,16 +103,7 @@ def steadiness(
 def residual_share(
     envelopes: Complex[np.ndarray, "*draw instant"],
 ) -> Float[np.ndarray, "*draw"]:
-    """Share of the power that the best single tone leaves.
-
-    Parameters
-    ----------
-    envelopes
-        Complex envelopes, one row per draw.
-
-    Returns
-    -------
-    r of each row, 0 to 1.
+    """Share of the power that the best single tone leaves, 0 to 1, row by row.
 
     Examples
     --------
@@ -166,16 +129,8 @@ def draw_envelopes(
     :math:`\zeta \omega`; over the record T this is :math:`2 \pi b`, where b is the mode's
     half-bandwidth :math:`\zeta f` counted in bins 1 / T.
 
-    Parameters
-    ----------
-    half_widths_in_record
-        b [1].
-    snr
-        Power of the mode over the noise, both within the band [1].
-    bins
-        Of the band; odd.
-    draws
-        Number of envelopes.
+    Here b is `half_widths_in_record`; `snr` is the power of the mode over the noise, both
+    within the band.
     """
     count = OVERSAMPLED * bins
     keep = np.exp(-2 * np.pi * half_widths_in_record / count)

@@ -37,18 +37,9 @@ CHANCE = 1e-6
 
 
 def periodic_force_base(lines: tuple[Measured, ...], resolution_hz: float) -> float | None:
-    """Find the base frequency of a periodic force, one over its period.
+    """Find the base frequency of a periodic force, one over its period [Hz].
 
-    Parameters
-    ----------
-    lines
-        Frequencies of lines and their errors [Hz].
-    resolution_hz
-        Of the record: one over its duration.
-
-    Returns
-    -------
-    Base [Hz]; None where lines are few, or are multiples as of a machine.
+    None where lines are few, or are multiples as of a machine.
     """
     value = np.sort([line.value for line in lines])
     if len(value) < FEWEST_LINES:
@@ -75,17 +66,7 @@ def without_periodic_force(
 ) -> tuple[tuple[PeakClass, ...], float]:
     """Remove the lines of a periodic force from those of machines.
 
-    Parameters
-    ----------
-    found
-        Lines, as `find_harmonics` gives them.
-    resolution_hz
-        Of the record: one over its duration.
-
-    Returns
-    -------
-    Lines of machines, and the number of periods of the force in the record; 1 without such a
-    force.
+    Beside them, the number of periods of the force in the record; 1 without such a force.
     """
     base = periodic_force_base(tuple(line.frequency_hz for line in found), resolution_hz)
     if base is None:
@@ -101,16 +82,7 @@ def mean_period(
 ) -> Float[np.ndarray, "instant channel"]:
     """Average a record over the periods of its force.
 
-    Parameters
-    ----------
-    samples
-        Samples of all channels.
-    periods
-        Number of periods in the record.
-
-    Returns
-    -------
-    One period; the record itself where a period is no whole number of samples.
+    Gives the record itself where a period is no whole number of samples.
     """
     length, whole = round(len(samples) / periods), int(periods + 0.5 / len(samples) + 1e-3)
     if abs(len(samples) / periods - length) * whole > 0.5 or length * whole > len(samples):

@@ -25,17 +25,7 @@ MOST = 100
 
 
 def sharp_peaks(spectra: FourierSpectra, low_hz: float, high_hz: float) -> list[float]:
-    """Frequencies of peaks at most a few tens of bins wide.
-
-    Parameters
-    ----------
-    low_hz, high_hz
-        Limits of the search [Hz].
-
-    Returns
-    -------
-    Frequencies, ascending [Hz]
-    """
+    """Frequencies of peaks at most a few tens of bins wide, ascending [Hz]."""
     power = _hann_power(spectra.coefficients)
     index = np.arange(len(power))
     inside = (index * spectra.spacing_hz >= low_hz) & (index * spectra.spacing_hz <= high_hz)

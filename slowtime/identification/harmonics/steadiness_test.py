@@ -47,18 +47,7 @@ def monte_carlo_p_value(
 ) -> float:
     """Sequential Monte Carlo p-value of a statistic of a mode's envelope.
 
-    Parameters
-    ----------
-    value
-        Observed statistic.
-    statistic
-        Function of drawn envelopes.
-    half_widths
-        Half-bandwidth of the mode [bins].
-    level
-        Significance level that the p-value is compared with.
-    rng
-        Generator of the drawn modes.
+    The half-bandwidth of the mode is in bins; `level` is what the p-value is compared with.
     """
     drawn = below = 0
     while drawn < DRAWS / level:
@@ -74,17 +63,7 @@ def monte_carlo_p_value(
 def tone_p_value(
     seen: NarrowBand, least: float, level: float, rng: np.random.Generator
 ) -> float:
-    """p-value of the residual share of one tone for the least damped mode.
-
-    Parameters
-    ----------
-    least
-        Half-bandwidth of the least damped mode [bins].
-    level
-        Significance level that the p-value is compared with.
-    rng
-        Generator of the drawn modes.
-    """
+    """p-value of the residual share of one tone for the least damped mode."""
     if seen.snr < LEAST_SNR:
         return 1.0
     value = float(residual_share(seen.envelope[None])[0])
@@ -92,15 +71,9 @@ def tone_p_value(
 
 
 def noise_p_value(seen: NarrowBand, channels: int, searched: int) -> float:
-    r"""Probability that noise alone stands so high in one of the bands searched.
-
-    The energy of the band over the noise density has a gamma law; its weighting of the channels
-    was chosen to show the peak, which is worth one degree of freedom a channel.
-
-    Returns
-    -------
-    Probability, all bands counted.
-    """
+    r"""Probability that noise alone stands so high in one of the bands searched."""
+    # The energy of the band over the noise density has a gamma law; its weighting of the
+    # channels was chosen to show the peak, which is worth one degree of freedom a channel.
     count = len(seen.envelope)
     energy = (1.0 + seen.snr) * count
     return min(1.0, searched * float(gammaincc(count + channels - 1, energy / NOISE_DOUBT)))
@@ -111,18 +84,7 @@ def steadiness_p_value(
 ) -> float:
     """p-value of the steadiness, over all modes that are as wide as the peak.
 
-    Parameters
-    ----------
-    least
-        Half-bandwidth of the least damped mode [bins].
-    level
-        Significance level that the p-value is compared with.
-    rng
-        Generator of the drawn modes.
-
-    Returns
-    -------
-    p-value, an upper limit over the compatible widths.
+    It is an upper limit over the compatible widths.
     """
     value = float(steadiness(seen.envelope[None])[0])
     if value > UNSTEADY or seen.snr < LEAST_SNR:

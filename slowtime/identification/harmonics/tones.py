@@ -30,19 +30,7 @@ PIECE = 16_384
 def strongest_bin(spectra: FourierSpectra, frequency_hz: float) -> int:
     """Bin of the strongest ordinate about a frequency, channels weighted by their own level.
 
-    Parameters
-    ----------
-    frequency_hz
-        Approximate frequency of the peak [Hz].
-
-    Returns
-    -------
-    Index of the bin.
-
-    Raises
-    ------
-    ValueError
-        Where the frequency is too close to zero or to half the sampling rate.
+    Raises `ValueError` where the frequency is too close to zero or to half the sampling rate.
     """
     last = len(spectra.coefficients) - 2
     at = round(frequency_hz / spectra.spacing_hz)
@@ -66,13 +54,6 @@ def line_frequency(seen: NarrowBand, spacing_hz: float) -> Measured:
     The coefficients of a tone at place p are :math:`\propto e^{i \pi (p - k)}
     \mathrm{sinc}(p - k)` over the bins k; the best p has the standard deviation
     :math:`\sqrt{6 / E} / 2 \pi` bins, E its energy over the noise density.
-
-    Parameters
-    ----------
-    seen
-        Envelope of the band around the line.
-    spacing_hz
-        Spacing of the bins [Hz].
     """
     count = len(seen.envelope)
     bins = np.fft.fft(seen.envelope) / count
@@ -121,17 +102,6 @@ def remove_lines(
     A steady line takes its tone and one bin either side, for slow changes of its amplitude; one
     that wanders with standard deviation s takes :math:`\lceil 2 s T \rceil` bins. Unlike a band
     left out of the spectrum this takes the leakage of the line from everywhere else, too.
-
-    Parameters
-    ----------
-    samples
-        Samples of all channels.
-    lines
-        Frequencies with their errors, as `judge` and `find_harmonics` give them [Hz].
-
-    Returns
-    -------
-    Samples without the lines, in the same unit.
 
     Examples
     --------

@@ -31,15 +31,8 @@ class ModalTest:
 
     Parameters
     ----------
-    result
-        Modes, stabilisation diagram, singular values of the frequency responses (complex mode
-        indicator functions).
     constants
         Residues, participation and modal masses, one for each mode.
-    response
-        Frequency responses that were measured, in the band.
-    fitted
-        The same by the model; None where no mode was found.
     chi_square_ratio
         Chi-square of the fit over its expectation; 1 if the model holds within the noise.
     candidates, fit
@@ -62,18 +55,8 @@ class ModalTest:
 class Candidates:
     """Poles of all orders of each source, and the stable pole of each mode.
 
-    The members of a stable pole are counted over all sources.
-
-    Parameters
-    ----------
-    poles
-        Poles of all orders of each source.
-    chosen
-        Stable pole of each mode.
-    data
-        Spectra that modes were fitted to.
-    is_noise_fitted
-        Whether their noise is that of the residuals.
+    The members of a stable pole are counted over all sources. With `is_noise_fitted`, the noise
+    of the spectra is that of the residuals.
     """
 
     poles: Sequence[Poles]
@@ -88,19 +71,7 @@ def assemble_test(
     fit: PoleFit | None,
     driving_points: Sequence[tuple[int, int]],
 ) -> ModalTest:
-    """Put modes, diagram and indicator functions into one result.
-
-    Parameters
-    ----------
-    response
-        Frequency responses.
-    candidates
-        Poles of all orders, and the candidate of each mode.
-    fit
-        Fit of these; None where there is no mode.
-    driving_points
-        Pairs of output and input that are one place and direction.
-    """
+    """Put modes, diagram and indicator functions into one result."""
     modes: tuple[Mode, ...] = ()
     constants: tuple[ModalConstants, ...] = ()
     ratio, fitted, given = float("nan"), None, fit
@@ -150,13 +121,7 @@ def _enlarged(fit: PoleFit, ratio: float) -> PoleFit:
 def model_response(
     response: FrequencyResponse, fit: PoleFit
 ) -> Complex[np.ndarray, "line output input"]:
-    """Frequency responses of a fit at the lines of a measurement.
-
-    Parameters
-    ----------
-    response
-        Measurement.
-    """
+    """Frequency responses of a fit at the lines of a measurement."""
     poles = fit.poles
     columns = np.concatenate(
         [

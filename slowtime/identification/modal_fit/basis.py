@@ -44,18 +44,7 @@ def modal_columns(
 ) -> Complex[np.ndarray, "row column"]:
     """Columns that multiply the real parts, then the imaginary parts, of the residues.
 
-    Parameters
-    ----------
-    s
-        Laplace variable of each row [rad/s].
-    poles
-        Poles of positive frequency [rad/s].
-    power
-        Power of s before the sum.
-
-    Returns
-    -------
-    Columns: one a mode for the real parts, then one a mode for the imaginary parts.
+    One column a mode for the real parts, then one a mode for the imaginary parts.
     """
     factor = s[:, None] ** power
     own = factor / (s[:, None] - poles)
@@ -66,13 +55,7 @@ def modal_columns(
 def residual_columns(
     s: Complex[np.ndarray, " row"], powers: tuple[int, ...]
 ) -> Complex[np.ndarray, "row term"]:
-    """Powers of s.
-
-    Parameters
-    ----------
-    s
-        Laplace variable of each row, not 0 [rad/s].
-    """
+    """Powers of s."""
     return np.stack([s**power for power in powers], axis=1)
 
 
@@ -84,19 +67,6 @@ def pole_derivatives(
 ) -> Complex[np.ndarray, "row parameter"]:
     """Return derivatives of the sum over poles by real, then by imaginary parts of the poles.
 
-    Parameters
-    ----------
-    s
-        Laplace variable of each row [rad/s].
-    poles
-        Poles of positive frequency [rad/s].
-    power
-        Power of s before the sum.
-    residues
-        Residue of each pole.
-
-    Returns
-    -------
     One column a mode for the real parts, then one a mode for the imaginary parts.
     """
     factor = s[:, None] ** power
@@ -112,15 +82,7 @@ def pole_quantities(
 ]:
     """Undamped natural frequency, damping ratio, and their derivatives by the pole.
 
-    Parameters
-    ----------
-    poles
-        Poles [rad/s].
-
-    Returns
-    -------
-    Frequencies [Hz], damping ratios [1], and derivatives of (frequency, damping ratio) by
-    (real part, imaginary part) of each pole.
+    In Hz and 1; the derivatives are by (real part, imaginary part) of each pole [rad/s].
     """
     size = np.abs(poles)
     damping = -poles.real / size

@@ -27,14 +27,7 @@ from .segments import Segment, fit_segments, transforms
 class HammerSettings:
     """How a record of blows is evaluated.
 
-    Parameters
-    ----------
-    kind
-        What the responses are.
-    estimator
-        Of the averaged frequency responses.
-    decay_rate
-        Of an exponential window [1/s]; 0 for none.
+    `decay_rate` is that of an exponential window [1/s]; 0 for none.
     """
 
     kind: Kind = "acceleration"
@@ -56,20 +49,12 @@ def identify_blows(
 
     Parameters
     ----------
-    force, responses
-        Samples of one record.
     hits
         Blows, as `find_hits` gives them; those refused are left out.
     band_hz
         Where modes are looked for [Hz].
-    settings
-        Kind, estimator and window.
     driving_points
         Pairs of output and input (0) that are one place and direction.
-
-    Returns
-    -------
-    The modes, with their errors.
 
     Raises
     ------
@@ -107,16 +92,7 @@ def segments_of(
 ) -> list[Segment]:
     """Stretches of a record with useful blows alone, the force 0 between them.
 
-    Parameters
-    ----------
-    force, responses
-        Samples.
-    hits
-        Blows in order of time, refused ones among them.
-
-    Returns
-    -------
-    One segment for each run of useful blows.
+    There is one segment for each run of useful blows.
     """
     windowed = np.zeros(len(force))
     for hit in hits:

@@ -21,17 +21,8 @@ def edited_test(test: ModalTest, selection: Selection) -> ModalTest:
     Modes by hand are fitted together with all others that are not replaced, whether or not
     these are reported.
 
-    Parameters
-    ----------
-    test
-        Test with the automatic choice.
-    selection
-        Edits.
-
-    Raises
-    ------
-    ValueError
-        Where an edit names no mode or pole, or the data have no mode at a pole that is kept.
+    Raises `ValueError` where an edit names no mode or pole, or the data have no mode at a pole
+    that is kept.
     """
     before = test.candidates
     known = [

@@ -50,12 +50,6 @@ def identify_responses(
         Highest order of pLSCF.
     driving_points
         Pairs of output and input that are one place and direction.
-    seed
-        Of the draws by which pLSCF propagates errors.
-
-    Returns
-    -------
-    The modes, with their errors.
     """
     if band_hz is not None:
         response = response.within(*band_hz)
@@ -83,11 +77,9 @@ def identify_responses(
 
 
 def _dithered(response: FrequencyResponse, seed: int) -> FrequencyResponse:
-    """Add noise to a response that has next to none, for the candidates alone.
-
-    Without noise, orders above that of the structure leave singular equations, of which
-    rounding makes poles that do not repeat from order to order.
-    """
+    """Add noise to a response that has next to none, for the candidates alone."""
+    # Without noise, orders above that of the structure leave singular equations, of which
+    # rounding makes poles that do not repeat from order to order.
     least = LEAST_NOISE * float(np.median(np.abs(response.response)))
     added = np.sqrt(np.maximum(least**2 - response.sd**2, 0.0))
     drawn = np.random.default_rng(seed).standard_normal((2, *response.response.shape))
@@ -103,18 +95,7 @@ def candidate_poles(
 ) -> tuple[Poles, list[StablePole]]:
     """Poles of all orders by pLSCF, and those that are stable.
 
-    Parameters
-    ----------
-    response
-        Frequency responses with errors.
-    order
-        Highest order.
-    seed
-        Of the draws of the noise.
-
-    Returns
-    -------
-    Poles, the decay of an exponential window taken out of them, and the stable ones.
+    The decay of an exponential window is taken out of the poles.
     """
     lines = len(response.frequency_hz)
     order = max(2, min(order, lines // LINES_PER_ORDER))
@@ -131,13 +112,7 @@ def candidate_poles(
 
 
 def data_of(response: FrequencyResponse) -> SpectralData:
-    """Frequency responses as data of a fit, an entry for each pair of output and input.
-
-    Parameters
-    ----------
-    response
-        Frequency responses with errors.
-    """
+    """Frequency responses as data of a fit, an entry for each pair of output and input."""
     lines = len(response.frequency_hz)
     ends = np.zeros((lines, 0), complex) if response.end is None else response.end[:, None]
     return SpectralData(
@@ -154,20 +129,9 @@ def data_of(response: FrequencyResponse) -> SpectralData:
 def rough_noise(
     response: Complex[np.ndarray, "line output input"],
 ) -> Float[np.ndarray, "line output input"]:
-    """Noise of frequency responses of unknown errors, from their roughness.
-
-    The third difference over lines removes what is smooth; the rest is noise, and the sharpest
-    part of resonances.
-
-    Parameters
-    ----------
-    response
-        Frequency responses.
-
-    Returns
-    -------
-    Standard deviation of the complex errors, smoothed over lines.
-    """
+    """Noise of frequency responses of unknown errors, from their roughness."""
+    # The third difference over lines removes what is smooth; the rest is noise, and the
+    # sharpest part of resonances.
     lines = len(response)
     rough = np.diff(response.reshape(lines, -1), n=3, axis=0) / np.sqrt(20.0)
     power = np.abs(np.concatenate([rough[:1], rough, rough[-1:], rough[-1:]])) ** 2

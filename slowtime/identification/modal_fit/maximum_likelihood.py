@@ -55,22 +55,14 @@ class PoleFit:
 
     Parameters
     ----------
-    poles
-        Of positive frequency [rad/s].
     covariance
         Of their real parts, then of their imaginary parts [(rad/s)^2].
-    residues
-        Of each entry and input.
     residue_sd
         Standard deviation of the complex error of each residue, the poles given.
     residue_slope
         Derivatives of the residues by real, then imaginary parts of the poles.
     information
         Share of each row in what is known of each pole [1]; sums to 1 over rows.
-    terms
-        Coefficients of the residual terms of each entry and input.
-    residuals
-        Left over of each entry, in its unit.
     leverage
         Share of each row in what was fitted, 0 to 1: expected loss of its residual power.
     fitted
@@ -112,19 +104,8 @@ def fit_poles(
 ) -> PoleFit:
     """Fit poles and residues, from starting values of the poles.
 
-    Parameters
-    ----------
-    data
-        Spectra with noise.
-    poles
-        Starting values, of positive frequency and negative real part [rad/s].
-    rounds
-        Iterations at most; 0 for residues at the given poles.
-
-    Raises
-    ------
-    ValueError
-        Where there are fewer rows than parameters.
+    Starting values have positive frequency and negative real part; with 0 rounds, residues are
+    those at the given poles. Raises `ValueError` where there are fewer rows than parameters.
     """
     _check(data, poles)
     poles = np.asarray(poles, dtype=complex)

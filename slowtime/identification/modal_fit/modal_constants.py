@@ -35,15 +35,11 @@ class ModalConstants:
 
     Parameters
     ----------
-    residues
-        Of each output and input.
     participation
         Of each input: how strongly it excites the mode, relative to the strongest [1].
     modal_mass
         Of the shape whose driving point deflects by 1 [kg, for forces in N and motion in m];
         None without a driving point.
-    driving_point
-        Output and input that are one place and direction; None where there is none.
     """
 
     residues: Complex[np.ndarray, "output input"]
@@ -60,23 +56,7 @@ def modes_of_fit(
     quality: Sequence[float],
     flags: tuple[str, ...] = (),
 ) -> tuple[Mode, ...]:
-    """Modes with shapes and errors.
-
-    Parameters
-    ----------
-    fit
-        Fit of the poles.
-    residues, residue_sd
-        Its residues by output and input, and the standard deviations of their errors.
-    quality
-        Of each mode [1].
-    flags
-        Of all modes.
-
-    Returns
-    -------
-    Modes, in the order of the fit.
-    """
+    """Modes with shapes and errors."""
     frequency, damping, derivative = pole_quantities(fit.poles)
     modes = []
     count = len(fit.poles)
@@ -107,19 +87,8 @@ def modal_constants(
 ) -> tuple[ModalConstants, ...]:
     """Residues, participation and modal mass of each mode.
 
-    Parameters
-    ----------
-    fit
-        Fit of the poles to responses per force.
-    residues, residue_sd
-        Its residues by output and input, and the standard deviations of their errors.
-    driving_points
-        Pairs of output and input that are one place and direction, of one sign.
-
-    Returns
-    -------
-    Constants of each mode; the driving point is the one that the mode moves most, against
-    its error.
+    Driving points are pairs of output and input that are one place and direction, of one sign;
+    that counts which the mode moves most, against its error.
     """
     found = []
     for k in range(len(fit.poles)):

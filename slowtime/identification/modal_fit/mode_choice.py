@@ -60,18 +60,7 @@ def choose_modes(
 ) -> ChosenModes | None:
     """Fit candidates, and drop the least of those that are no modes until all are.
 
-    Parameters
-    ----------
-    data
-        Spectra with noise.
-    poles
-        Candidates [rad/s].
-    band_hz
-        Band in which modes are accepted [Hz].
-
-    Returns
-    -------
-    The fit of the modes; None where no candidate remains.
+    Modes are accepted in the band; None where no candidate remains.
     """
     poles = np.asarray(poles, dtype=complex)
     names = np.arange(len(poles))
@@ -100,18 +89,7 @@ def reweighted(
 ) -> tuple[SpectralData, ChosenModes | None]:
     """Estimate the noise by what a fit leaves over, and choose and fit again.
 
-    Parameters
-    ----------
-    data
-        Spectra with a first guess of the noise.
-    found
-        Modes by that guess.
-    band_hz
-        Band in which modes are accepted [Hz].
-
-    Returns
-    -------
-    Data with the noise, and the modes; None where none remains.
+    The data come with a first guess of the noise; None where no mode remains.
     """
     for _ in range(REWEIGHTINGS):
         noise = noise_of_fit(data, found.fit)
@@ -126,12 +104,7 @@ def reweighted(
 
 
 def noise_of_fit(data: SpectralData, fit: PoleFit) -> NoiseModel:
-    """Model the noise by what a fit leaves over.
-
-    Returns
-    -------
-    Noise of each row and entry.
-    """
+    """Model the noise by what a fit leaves over."""
     strongest = int(np.argmax(np.abs(fit.residues).sum(axis=(0, 2))))
     shapes = fit.residues[:, strongest]
     return model_noise(data.s, fit.residuals, fit.leverage, fit.poles, shapes)
@@ -146,15 +119,6 @@ def enlarged_by_student(fit: PoleFit, noise: NoiseModel) -> PoleFit:
     variance then has :math:`1 / \nu = c^2 / \nu_p + (1 - c)^2 / \nu_t`
     (Welch-Satterthwaite), and the factor makes 1.96 standard deviations an interval of 95 %
     under Student's law.
-
-    Parameters
-    ----------
-    fit
-        Fit with noise by its residuals.
-
-    Returns
-    -------
-    The fit with a larger covariance.
     """
     share = np.mean(np.abs(noise.common) ** 2 / noise.sd[:, :, None] ** 2, axis=1)
     left = 1.0 - fit.leverage.mean(axis=1)
@@ -172,16 +136,7 @@ def enlarged_by_student(fit: PoleFit, noise: NoiseModel) -> PoleFit:
 def evidence(data: SpectralData, fit: PoleFit) -> Float[np.ndarray, " mode"]:
     """Decrease of chi-square by each mode, less what as many parameters need.
 
-    Parameters
-    ----------
-    data
-        Spectra with noise.
-    fit
-        Their fit.
-
-    Returns
-    -------
-    Gain of each mode; negative where it is not needed.
+    Negative for a mode that is not needed.
     """
     wald = np.sum(2.0 * np.abs(fit.residues) ** 2 / fit.residue_sd**2, axis=(0, 1))
     entries, inputs, _ = fit.residues.shape

@@ -41,8 +41,6 @@ class NoiseModel:
 
     Parameters
     ----------
-    sd
-        Standard deviation of the complex noise.
     common
         Amplitude of the noise that shakes each mode; its products over entries are the
         covariance of their noise.
@@ -61,18 +59,8 @@ def model_noise(
 ) -> NoiseModel:
     """Noise of each row and entry by the residuals of a fit.
 
-    Parameters
-    ----------
-    s
-        Laplace variable of each row, in order of frequency [rad/s].
-    residuals
-        Left over by the fit.
-    leverage
-        Expected loss of their power by the fit.
-    poles
-        Poles of the fit [rad/s].
-    shapes
-        Deflection of each entry in each mode, for the signs of common noise.
+    Rows are in order of frequency. `leverage` is the expected loss of their power by the fit;
+    shapes give the signs of common noise.
     """
     away = np.abs(s.imag[:, None] - poles.imag) / np.abs(poles.real)
     peaks = 1.0 / (1.0 + away**2)

@@ -50,22 +50,8 @@ def polyreference_poles(
 ) -> Poles:
     """Poles of all orders up to the highest, with first-order errors.
 
-    Parameters
-    ----------
-    frequency_hz
-        Ascending [Hz].
-    response
-        Frequency responses, any unit.
-    sd
-        Standard deviation of their complex errors.
-    order
-        Highest order of the denominator: one for each mode and input.
-    rng
-        For the draws of the noise.
-
-    Returns
-    -------
-    Poles of orders 1 to `order`; their shapes are over the outputs.
+    `order` is the highest of the denominator, one for each mode and input. Shapes are over the
+    outputs.
     """
     low, high = frequency_hz[0], frequency_hz[-1]
     step_s = ARC / (high - low)

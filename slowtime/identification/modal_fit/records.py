@@ -48,20 +48,12 @@ def identify_record(
     ----------
     inputs, outputs
         Samples, both behind the same anti-alias filter.
-    kind
-        What outputs are per input.
-    band_hz
-        Where modes are looked for [Hz].
     source
         Candidates by pLSCF, by input-output subspaces, or both; the modes are fitted alike.
     estimator
         Of the averaged frequency responses in the result.
     driving_points
         Pairs of output and input that are one place and direction.
-
-    Returns
-    -------
-    The modes, with their errors.
 
     Raises
     ------
@@ -122,18 +114,6 @@ def _response(frequency_hz: np.ndarray, local: LocalEstimate, kind: Kind) -> Fre
 def subspace_candidates(
     segment: Segment, rate_hz: float, band_hz: tuple[float, float]
 ) -> tuple[Poles, list[StablePole]]:
-    """Poles of input-output subspace models of all orders, and those that are stable.
-
-    Parameters
-    ----------
-    segment
-        Samples of the record.
-    band_hz
-        Band [Hz].
-
-    Returns
-    -------
-    Poles, and the stable ones.
-    """
+    """Poles of input-output subspace models of all orders, and those that are stable."""
     poles = input_output_poles(segment.inputs, segment.outputs, rate_hz, highest_hz=band_hz[1])
     return poles, find_stable_poles(poles, low_hz=band_hz[0], high_hz=band_hz[1])

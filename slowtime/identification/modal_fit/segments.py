@@ -55,17 +55,7 @@ def transforms(
 ]:
     """Return transforms of a segment within a band, over the root of its length.
 
-    Parameters
-    ----------
-    segment
-        Samples.
-    band_hz
-        Band [Hz].
-
-    Returns
-    -------
-    Frequencies [Hz], and transforms of inputs and outputs. White noise has the same size in
-    segments of any length.
+    White noise then has the same size in segments of any length.
     """
     count = len(segment.inputs)
     frequency = fft.rfftfreq(count, 1 / rate_hz)
@@ -85,22 +75,8 @@ def fit_segments(
 ) -> tuple[Candidates, PoleFit | None]:
     """Choose and fit modes among candidates.
 
-    Parameters
-    ----------
-    segments
-        Samples.
-    band_hz
-        Band [Hz].
-    kind
-        What outputs are per input.
-    noise
-        First guess: frequencies [Hz], and standard deviation of the transforms there.
-    poles, candidates
-        Poles of all orders of each source, and those that are stable.
-
-    Returns
-    -------
-    Candidates of the modes, and their fit; None where there is no mode.
+    The first guess of the noise is given by frequencies and standard deviations of the
+    transforms there. The fit is None where there is no mode.
     """
     data = _data(segments, rate_hz, band_hz, kind, noise)
     start = np.array([c.pole for c in candidates], dtype=complex)

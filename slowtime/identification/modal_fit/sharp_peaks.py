@@ -40,17 +40,7 @@ LEAST_WIDTH = 0.05
 def peak_candidates(response: FrequencyResponse, known: list[StablePole]) -> list[StablePole]:
     """Poles at sharp peaks that no candidate stands for.
 
-    Parameters
-    ----------
-    response
-        Frequency responses with errors.
-    known
-        Candidates of another source.
-
-    Returns
-    -------
-    Candidates, with the share of their peak above its surroundings in place of a share of
-    orders.
+    Their share is that of the peak above its surroundings, in place of a share of orders.
     """
     lines = len(response.frequency_hz)
     values = response.response.reshape(lines, -1)
@@ -83,20 +73,7 @@ def local_pole(
 ) -> tuple[complex, Complex[np.ndarray, " pair"]]:
     """Fit the one pole that all pairs share over a few lines.
 
-    Parameters
-    ----------
-    s
-        Laplace variable of each line [rad/s].
-    values
-        Frequency responses.
-    start
-        First guess of the pole, which is kept where the fit leaves the lines [rad/s].
-    spacing
-        Distance of lines [rad/s].
-
-    Returns
-    -------
-    The pole, and residues.
+    The start is kept where the fit leaves the lines.
     """
     centre, pole = start.imag, start
     x = (s - 1j * centre) / spacing

@@ -55,11 +55,5 @@ class SpectralData:
     common: Complex[np.ndarray, "row entry mode"] | None = None
 
     def with_noise(self, noise: NoiseModel) -> "SpectralData":
-        """Give the same data with another noise.
-
-        Parameters
-        ----------
-        noise
-            Its standard deviation, and what entries have in common.
-        """
+        """Give the same data with another noise."""
         return dataclasses.replace(self, sd=noise.sd, common=noise.common)

@@ -14,19 +14,7 @@ order on."""
 
 
 def stable_poles(poles: Poles, *, low_hz: float, high_hz: float) -> list[StablePole]:
-    """Poles that stay over the orders, apart from noise and bias.
-
-    Parameters
-    ----------
-    poles
-        Poles of all orders.
-    low_hz, high_hz
-        Band [Hz].
-
-    Returns
-    -------
-    Candidates, ascending in frequency.
-    """
+    """Poles that stay over the orders, apart from noise and bias."""
     size = BIAS * np.abs(poles.pole.real) * np.sqrt(len(poles.draws) + 2)
     draws = np.concatenate([poles.draws, size[None], 1j * size[None]])
     wider = dataclasses.replace(poles, draws=draws)

@@ -32,12 +32,7 @@ class Agreement:
 
 
 def agreement_of(chi_square: float, freedom: int) -> Agreement:
-    """Agreement from a chi-square statistic; holds without degrees of freedom.
-
-    Returns
-    -------
-    Statistic with its p-value.
-    """
+    """Agreement from a chi-square statistic; holds without degrees of freedom."""
     p = float(chdtrc(freedom, chi_square)) if freedom > 0 else 1.0
     return Agreement(float(chi_square), freedom, p)
 

@@ -11,15 +11,6 @@ from jaxtyping import Complex, Float, Num
 def normalised(shape: Num[np.ndarray, " channel"]) -> Complex[np.ndarray, " channel"]:
     """Shape of unit norm whose largest component is real and positive.
 
-    Parameters
-    ----------
-    shape
-        Shape of any norm.
-
-    Returns
-    -------
-    Normalised shape [1].
-
     Examples
     --------
     >>> normalised(np.array([3j, -4j])).round(3) + 0
@@ -34,15 +25,6 @@ def mac(one: Num[np.ndarray, " channel"], other: Num[np.ndarray, " channel"]) ->
     r"""Modal assurance criterion of two shapes, 0 (orthogonal) to 1 (alike).
 
     .. math:: \frac{|\phi^H \psi|^2}{(\phi^H \phi)(\psi^H \psi)}
-
-    Parameters
-    ----------
-    one, other
-        Shapes of any norm.
-
-    Returns
-    -------
-    MAC [1].
 
     References
     ----------
@@ -59,35 +41,14 @@ def mac(one: Num[np.ndarray, " channel"], other: Num[np.ndarray, " channel"]) ->
 def mac_matrix(
     one: Num[np.ndarray, "channel mode"], other: Num[np.ndarray, "channel other"]
 ) -> Float[np.ndarray, "mode other"]:
-    """MAC of each column of one with each column of the other; see `mac`.
-
-    Parameters
-    ----------
-    one, other
-        Shapes of any norm, one column each.
-
-    Returns
-    -------
-    MAC of each pair [1].
-    """
+    """MAC of each column of one with each column of the other; see `mac`."""
     overlap = np.abs(_columns(one).conj().T @ _columns(other)) ** 2
     return np.asarray(np.minimum(overlap, 1.0))
 
 
 def auto_mac(shapes: Num[np.ndarray, "channel mode"]) -> Float[np.ndarray, "mode mode"]:
-    """MAC of each shape with each other of the same set: 1 on the diagonal.
-
-    A large value beside it means that the sensors do not tell the two modes apart.
-
-    Parameters
-    ----------
-    shapes
-        Shapes of any norm, one column each.
-
-    Returns
-    -------
-    MAC of each pair [1].
-    """
+    """MAC of each shape with each other of the same set: 1 on the diagonal."""
+    # A large value beside the diagonal means that the sensors do not tell the two modes apart.
     return mac_matrix(shapes, shapes)
 
 
@@ -98,11 +59,6 @@ def comac(
 
     .. math:: \mathrm{COMAC}_j = \frac{(\sum_k |\phi_{jk} \psi_{jk}^*|)^2}
               {\sum_k |\phi_{jk}|^2 \, \sum_k |\psi_{jk}|^2}
-
-    Parameters
-    ----------
-    one, other
-        Shapes of the same modes in the same order; each is scaled to unit norm first.
 
     Returns
     -------
@@ -131,17 +87,7 @@ def comac(
 
 
 def mpc(shape: Num[np.ndarray, " channel"]) -> float:
-    """Modal phase collinearity of one shape; see `mpcs`.
-
-    Parameters
-    ----------
-    shape
-        Shape of any norm.
-
-    Returns
-    -------
-    MPC, 0 to 1 [1].
-    """
+    """Modal phase collinearity of one shape; see `mpcs`."""
     return float(mpcs(shape[:, None])[0])
 
 
@@ -154,15 +100,6 @@ def mpcs(shapes: Num[np.ndarray, "channel mode"]) -> Float[np.ndarray, " mode"]:
               = \frac{|\phi^T \phi|^2}{(\phi^H \phi)^2} ,
 
     1 for a proportionally damped mode, and about 2 / channels for noise.
-
-    Parameters
-    ----------
-    shapes
-        Shapes of any norm, one column each.
-
-    Returns
-    -------
-    MPC of each shape, 0 to 1 [1].
 
     References
     ----------
@@ -182,15 +119,6 @@ def mean_phase_deviation(shape: Num[np.ndarray, " channel"]) -> float:
 
     0 for a real shape; the line of angle :math:`\theta` is the one of least squared distance.
 
-    Parameters
-    ----------
-    shape
-        Shape of any norm.
-
-    Returns
-    -------
-    Mean phase deviation [rad].
-
     References
     ----------
     .. [1] E. Reynders, J. Houbrechts, G. De Roeck, "Fully automated (operational) modal
@@ -204,15 +132,6 @@ def mean_phase_deviation(shape: Num[np.ndarray, " channel"]) -> float:
 
 def real_shape(shape: Num[np.ndarray, " channel"]) -> Float[np.ndarray, " channel"]:
     """Nearest real shape: turned onto the real line, of unit norm, largest component positive.
-
-    Parameters
-    ----------
-    shape
-        Shape of any norm.
-
-    Returns
-    -------
-    Real shape [1].
 
     Examples
     --------

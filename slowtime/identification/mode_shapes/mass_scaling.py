@@ -51,8 +51,6 @@ class MassScaling:
         [kg^(-1/2)].
     shape
         Mass-normalised [kg^(-1/2)].
-    agreement
-        Of the added masses, where there were several sets.
     flags
         `shape_changed`, `masses_disagree`.
     """
@@ -71,17 +69,9 @@ def scale_by_masses(
 
     Parameters
     ----------
-    before
-        The mode without added masses.
-    after
-        The mode with each set of masses.
     masses_kg
         Mass added at each channel, in each set [kg]. A mass moves in every direction: where a
         place has several channels, it stands at each of them.
-
-    Returns
-    -------
-    Scale of the mode, averaged over the sets.
 
     Raises
     ------

@@ -60,8 +60,6 @@ class MergedMode:
         `shapes_disagree` between set-ups, and those of its parts.
     channels
         Those of the set-ups that have the mode, in order of appearance, references first.
-    setups
-        Which set-ups have the mode, counted from 0.
     frequency, damping, shape
         Whether they agree.
     """
@@ -88,10 +86,6 @@ def merge(
         Lines of machines among their modes are left out.
     references
         Names of channels that all set-ups have; by default all such.
-
-    Returns
-    -------
-    Ascending in frequency; also modes that a part of the set-ups has, over their channels.
 
     Examples
     --------

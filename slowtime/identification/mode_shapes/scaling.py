@@ -19,16 +19,7 @@ def scale_shapes(
 ) -> tuple[Complex[np.ndarray, " setup"], Complex[np.ndarray, " channel"]]:
     """Scale partial shapes into one by alternating least squares.
 
-    Parameters
-    ----------
-    seen
-        Partial shapes, 0 where not measured.
-    weight
-        Inverse variances, 0 where not measured.
-
-    Returns
-    -------
-    Factor of each set-up (the first is 1), and the shape.
+    Both are 0 where a component was not measured; the factor of the first set-up is 1.
     """
     factors = np.ones(len(seen), dtype=complex)
     for row in range(1, len(seen)):
@@ -56,23 +47,7 @@ def _ratio(known: np.ndarray, seen: np.ndarray, weight: np.ndarray) -> complex:
 def shape_covariance(
     factors: np.ndarray, shape: np.ndarray, weight: np.ndarray, heard: Bool[np.ndarray, " c"]
 ) -> Complex[np.ndarray, "channel channel"]:
-    """Covariance of the merged shape, the factor of the first set-up fixed at 1.
-
-    Parameters
-    ----------
-    factors
-        Factor of each set-up.
-    shape
-        Merged shape.
-    weight
-        Inverse variances.
-    heard
-        Channels that were measured.
-
-    Returns
-    -------
-    Complex covariance matrix.
-    """
+    """Covariance of the merged shape, the factor of the first set-up fixed at 1."""
     cross = (weight * shape.conj()).T[:, 1:] * factors[1:]
     of_shape = np.diag(np.where(heard, np.abs(factors) ** 2 @ weight, 1.0))
     of_factors = np.diag((weight @ np.abs(shape) ** 2)[1:])
@@ -85,19 +60,7 @@ def shape_covariance(
 def normalise_with_errors(
     shape: np.ndarray, covariance: np.ndarray
 ) -> tuple[Complex[np.ndarray, " channel"], Float[np.ndarray, " channel"]]:
-    """Unit-norm shape with real, positive largest component, and its errors.
-
-    Parameters
-    ----------
-    shape
-        Complex deflections.
-    covariance
-        Complex covariance matrix.
-
-    Returns
-    -------
-    Shape, and standard deviations [1].
-    """
+    """Unit-norm shape with real, positive largest component, and its errors."""
     norm, largest = np.linalg.norm(shape), int(np.argmax(np.abs(shape)))
     turn = np.conj(shape[largest]) / np.abs(shape[largest])
     unit = shape * turn / norm

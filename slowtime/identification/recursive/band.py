@@ -29,18 +29,12 @@ class BandState:
     ----------
     next_frame
         Index of the first sample of the next frame.
-    frames
-        Since the last gap.
     into
         Combinations of the channels that are looked at; None until enough has been seen.
     waiting
         Stretches of slow series, apart by gaps, seen before these were chosen.
-    recent
-        Last instants of the slow series, for lags that reach into the next frame.
     sums
         Of lagged products, over stretches.
-    fading
-        Spectral matrices; None until then.
     modes, age
         As last solved, and frames since.
     """
@@ -77,16 +71,7 @@ class BandStep:
     ) -> tuple[BandState, bool]:
         """Process the next frame.
 
-        Parameters
-        ----------
-        state
-            State of the band.
-        samples
-            Samples of the frame.
-
-        Returns
-        -------
-        New state, and whether the band is due for a solution.
+        Says, too, whether the band is due for a solution.
         """
         slow = self.frame.moved_to_zero(samples, state.frames)
         end_s = (state.next_frame + 0.75 * self.frame.length) / self.frame.sampling_hz
@@ -104,15 +89,7 @@ class BandStep:
         return dataclasses.replace(state, age=0 if due else state.age), due
 
     def after_gap(self, state: BandState, index: int) -> BandState:
-        """State after a gap in the stream; nothing is joined across it.
-
-        Parameters
-        ----------
-        state
-            State of the band.
-        index
-            Index of the first sample after the gap.
-        """
+        """State after a gap in the stream; nothing is joined across it."""
         waiting, fading = state.waiting, state.fading
         if state.into is None and state.recent is not None:
             waiting = (*waiting, state.recent)
@@ -126,17 +103,7 @@ class BandStep:
         )
 
     def solved(self, state: BandState) -> tuple[Mode, ...]:
-        """Modes of the band; none while too little is known.
-
-        Parameters
-        ----------
-        state
-            State of the band.
-
-        Returns
-        -------
-        Modes, ascending in frequency.
-        """
+        """Modes of the band, ascending in frequency; none while too little is known."""
         correlations = state.sums.correlations(
             rate_hz=self.frame.rate_hz,
             centre_hz=self.frame.centre_hz,

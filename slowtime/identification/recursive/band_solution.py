@@ -48,19 +48,7 @@ class ModelSizes:
 def strongest_directions(
     series: Complex[np.ndarray, "instant channel"], most: int
 ) -> Complex[np.ndarray, "channel direction"]:
-    """Leading combinations of channels scaled to equal power.
-
-    Parameters
-    ----------
-    series
-        Demodulated series.
-    most
-        Largest number of combinations.
-
-    Returns
-    -------
-    Weights, channel by combination.
-    """
+    """Leading combinations of channels scaled to equal power."""
     scale = np.sqrt(np.mean(np.abs(series) ** 2, axis=0))
     moving = scale > 0
     inverse = np.where(moving, 1.0 / np.where(moving, scale, 1.0), 0.0)
@@ -72,21 +60,7 @@ def strongest_directions(
 def solve_band(
     correlations: Correlations, seen: FadingSpectra, band: Passband, models: ModelSizes
 ) -> tuple[Mode, ...]:
-    """Modes in and about the core of a band.
-
-    Parameters
-    ----------
-    correlations
-        Correlation matrices of the series.
-    band
-        Frequency band.
-    models
-        Sizes of the subspace models.
-
-    Returns
-    -------
-    Modes, ascending in frequency.
-    """
+    """Modes in and about the core of a band."""
     poles = identify_poles(
         correlations,
         block_rows=models.rows,
@@ -110,13 +84,11 @@ def solve_band(
 def _told_apart(
     poles: Poles, edges_hz: tuple[float, float]
 ) -> tuple[list[StablePole], list[StablePole]]:
-    """Lines of machines, and the other candidates.
-
-    A line has no damping: half of its estimates are below zero, where no candidate is looked
-    for. So all poles are looked at with a little more damping than they have. And poles of
-    different orders are never so much alike as the errors of an endless stream would have it:
-    models that are too small are biased.
-    """
+    """Lines of machines, and the other candidates."""
+    # A line has no damping: half of its estimates are below zero, where no candidate is looked
+    # for. So all poles are looked at with a little more damping than they have. And poles of
+    # different orders are never so much alike as the errors of an endless stream would have it:
+    # models that are too small are biased.
     sd_f, sd_z, _ = poles.standard_deviations()
     more = STEADY * np.abs(poles.pole)
     half_hz = (more - poles.pole.real) / (2 * np.pi)
@@ -137,17 +109,7 @@ def _told_apart(
 
 
 def join_bands(bands: list[tuple[Passband, tuple[Mode, ...]]]) -> tuple[Mode, ...]:
-    """Join the modes of all bands; of duplicates, the one further from an edge remains.
-
-    Parameters
-    ----------
-    bands
-        Bands with their modes.
-
-    Returns
-    -------
-    Modes, ascending in frequency.
-    """
+    """Join the modes of all bands; of duplicates, the one further from an edge remains."""
     found = [(_inside(band, mode), mode) for band, modes in bands for mode in modes]
     kept: list[Mode] = []
     for _, mode in sorted(found, key=lambda pair: -pair[0]):

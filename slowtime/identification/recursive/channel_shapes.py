@@ -29,19 +29,7 @@ ShapeWithErrors = tuple[Complex[np.ndarray, " channel"], Float[np.ndarray, " cha
 def expand_to_channels(
     seen: FadingSpectra, case: FadingWindow, best: BandFit
 ) -> list[ShapeWithErrors]:
-    """Shape over all channels, with standard deviations, of each mode.
-
-    Parameters
-    ----------
-    case
-        Window with its channel combinations.
-    best
-        Fitted model of the window.
-
-    Returns
-    -------
-    Unit-norm shapes, each with standard deviations.
-    """
+    """Shape over all channels, with standard deviations, of each mode."""
     model = best.model
     omega = (2 * np.pi * seen.frequency_hz[case.inside] - case.middle) / case.unit
     turned = case.directions.conj().T @ seen.density[case.inside] @ case.directions

@@ -72,19 +72,7 @@ class FrequencyGrid:
         return _table(self).frequency_hz
 
     def start(self, channels: int, directions: int) -> FadingCoefficients:
-        """Start without data.
-
-        Parameters
-        ----------
-        channels
-            Number of channels.
-        directions
-            Number of channel combinations.
-
-        Returns
-        -------
-        State.
-        """
+        """Start without data."""
         shape = (len(self.frequency_hz), channels)
         products = np.zeros((*shape, directions), complex)
         return FadingCoefficients(np.zeros(shape, complex), products, np.zeros(shape))
@@ -103,20 +91,7 @@ class FrequencyGrid:
     ) -> FadingCoefficients:
         """Process the instants of one frame.
 
-        Parameters
-        ----------
-        fading
-            State.
-        slow
-            Demodulated series.
-        into
-            Weights of the channel combinations.
-        memory_s
-            Time constant of the forgetting [s]; None keeps everything.
-
-        Returns
-        -------
-        New state.
+        With `memory_s` None, everything is kept.
         """
         table, count = _table(self), len(slow)
         passed = count / self.frame.rate_hz
@@ -142,19 +117,7 @@ class FrequencyGrid:
     def seen(
         self, fading: FadingCoefficients, into: Complex[np.ndarray, "channel direction"]
     ) -> FadingSpectra:
-        """Mean spectral matrices, up to a factor.
-
-        Parameters
-        ----------
-        fading
-            State.
-        into
-            Weights of the channel combinations.
-
-        Returns
-        -------
-        Spectral matrices of the band.
-        """
+        """Mean spectral matrices, up to a factor."""
         seconds = self.frame.hop_s * fading.weight**2 / fading.squares
         gain = fading.weight * self.frame.band.gain(self.frequency_hz) ** 2
         cross = fading.products / gain[:, None, None]

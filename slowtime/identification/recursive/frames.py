@@ -30,19 +30,7 @@ class BinRange:
 
     @staticmethod
     def of(band: Passband, sampling_hz: float) -> "BinRange":
-        """Shortest frame that resolves a band and its margin.
-
-        Parameters
-        ----------
-        band
-            Frequency band.
-        sampling_hz
-            Sampling rate of the stream [Hz].
-
-        Returns
-        -------
-        Frame.
-        """
+        """Shortest frame that resolves a band and its margin."""
         band = _widened(band, EDGE * sampling_hz / 2)
         edge = min(band.low_hz - band.from_hz, band.to_hz - band.high_hz)
         half = int(np.ceil(FRAME / edge * sampling_hz / 2))
@@ -86,13 +74,6 @@ class BinRange:
         """Demodulated, decimated series of the middle half of a frame.
 
         Twice its real part, turned back to `centre_hz`, is the band.
-
-        Parameters
-        ----------
-        samples
-            Samples of the frame.
-        before
-            Number of frames before it.
         """
         stop = min(self.first + self.number, self.length // 2 + 1)
         index = np.arange(self.first, stop)

@@ -110,17 +110,11 @@ class RecursiveModes:
 
         Parameters
         ----------
-        state
-            State after the block before.
         block
             Samples that follow each other, any units. A row with a NaN counts as lost.
         first_index
             Of the first row in the stream, lost samples counted; by default right after the
             last block. What lies between is lost.
-
-        Returns
-        -------
-        State after the block, and all modes.
         """
         if first_index is not None:
             state = self._after_gap(state, first_index)
@@ -132,12 +126,7 @@ class RecursiveModes:
         return state, state.modes
 
     def solved(self, state: RecursiveState) -> tuple[Mode, ...]:
-        """Modes by all data so far, whether or not a solution is due.
-
-        Returns
-        -------
-        Modes, ascending in frequency.
-        """
+        """Modes by all data so far, whether or not a solution is due."""
         steps = zip(_steps(self), state.bands, strict=True)
         return self._reported([(step.band, step.solved(band)) for step, band in steps])
 
@@ -205,10 +194,8 @@ def _steps(settings: RecursiveModes) -> tuple[BandStep, ...]:
 
 
 def _fixed_bands(settings: RecursiveModes) -> list[Passband]:
-    """Bands of a raster that hangs on the rate alone, as far as they overlap `band_hz`.
-
-    So a mode is found in the same band wherever the edges of `band_hz` are.
-    """
+    """Bands of a raster that hangs on the rate alone, as far as they overlap `band_hz`."""
+    # So a mode is found in the same band wherever the edges of `band_hz` are.
     low, high = settings.band_hz
     edges = [TOP * settings.rate_hz / 2]
     while edges[-1] > low:

@@ -72,21 +72,8 @@ class _Sharp:
 def fit_band_modes(
     seen: FadingSpectra, found: list[StablePole], beside: list[StablePole]
 ) -> tuple[Mode, ...]:
-    """Fit the modes of a band, and drop candidates that the data do not support.
-
-    Those beside the ordinates are held where they are: they send their skirts in.
-
-    Parameters
-    ----------
-    found
-        Candidates in the band.
-    beside
-        Candidates beyond its edges.
-
-    Returns
-    -------
-    Modes, ascending in frequency.
-    """
+    """Fit the modes of a band, and drop candidates that the data do not support."""
+    # Those beside the ordinates are held where they are: they send their skirts in.
     starts = [StartMode(candidate.pole, candidate.shape, candidate) for candidate in found]
     chosen = _in_windows(seen, starts, [], SELECTING, CLOSE)
     again = [StartMode(sharp.pole, sharp.shape, sharp.start.candidate) for sharp in chosen]
@@ -244,17 +231,7 @@ def _distinct(sharp: list[_Sharp]) -> list[_Sharp]:
 
 
 def is_same(one: Mode, other: Mode) -> bool:
-    """Whether two estimates have like shapes and differ by under half their bandwidths.
-
-    Parameters
-    ----------
-    one, other
-        Modes.
-
-    Returns
-    -------
-    True if they are one mode.
-    """
+    """Whether two estimates have like shapes and differ by under half their bandwidths."""
     width = sum(m.frequency_hz.value * m.damping_ratio.value for m in (one, other)) / 2
     reach = max(width, 3.0 * float(np.hypot(one.frequency_hz.sd, other.frequency_hz.sd)))
     away = abs(one.frequency_hz.value - other.frequency_hz.value)

@@ -53,16 +53,7 @@ class ProductSums:
     def added(self, more: ProductSum, memory_s: float | None) -> "ProductSums":
         """Add a sum; drop those that are too old, and join pairs where there are too many.
 
-        Parameters
-        ----------
-        more
-            Newest sum of products.
-        memory_s
-            Time constant of the forgetting [s]; None keeps everything.
-
-        Returns
-        -------
-        New sums.
+        With `memory_s` None, everything is kept.
         """
         growing = more if self.growing is None else self.growing + more
         if self.additions + 1 < self.length:
@@ -81,21 +72,7 @@ class ProductSums:
     def correlations(
         self, *, rate_hz: float, centre_hz: float, memory_s: float | None
     ) -> Correlations | None:
-        """Correlation matrices and draws of their error; None with too few sums.
-
-        Parameters
-        ----------
-        rate_hz
-            Sampling rate [Hz].
-        centre_hz
-            Frequency that was moved to zero [Hz].
-        memory_s
-            Time constant of the forgetting [s]; None keeps everything.
-
-        Returns
-        -------
-        Correlations, or None.
-        """
+        """Correlation matrices and draws of their error; None with too few sums."""
         stretches = self.whole if self.growing is None else (*self.whole, self.growing)
         if len(stretches) < FEWEST:
             return None

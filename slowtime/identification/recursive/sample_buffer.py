@@ -25,13 +25,7 @@ class SampleBuffer:
         return self.first_index + sum(len(piece) for piece in self.pieces)
 
     def extended(self, rows: Rows) -> "SampleBuffer":
-        """Buffer with more rows, which are copied.
-
-        Parameters
-        ----------
-        rows
-            Samples of the new block.
-        """
+        """Buffer with more rows, which are copied."""
         if self.pieces and rows.shape[1] != self.pieces[-1].shape[1]:
             raise ValueError(
                 f"A block of {rows.shape[1]} channels was given after blocks of "
@@ -43,19 +37,7 @@ class SampleBuffer:
         return SampleBuffer(self.first_index, (*before, last))
 
     def rows(self, first: int, count: int) -> Rows:
-        """Rows from an index on.
-
-        Parameters
-        ----------
-        first
-            Index of the first row.
-        count
-            Number of rows.
-
-        Returns
-        -------
-        Samples.
-        """
+        """Rows from an index on."""
         parts, at = [], self.next_index
         for piece in reversed(self.pieces):
             at -= len(piece)
@@ -66,13 +48,7 @@ class SampleBuffer:
         return np.concatenate(parts[::-1])
 
     def from_index(self, index: int) -> "SampleBuffer":
-        """Buffer without the rows before an index, where copying pays.
-
-        Parameters
-        ----------
-        index
-            Index of the first row needed.
-        """
+        """Buffer without the rows before an index, where copying pays."""
         first, kept = self.first_index, list(self.pieces)
         while kept and first + len(kept[0]) <= index:
             first += len(kept.pop(0))

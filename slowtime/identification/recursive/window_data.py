@@ -68,15 +68,6 @@ class FadingSpectra:
         """Subtract a steady line, whose skirts in the window are known.
 
         What is left of its core is spared.
-
-        Parameters
-        ----------
-        frequency_hz
-            Frequency of the line [Hz].
-
-        Returns
-        -------
-        Spectral matrices without the line.
         """
         away = 2 * np.pi * (self.frequency_hz - frequency_hz) / self.decay
         about = np.abs(away) < LINE_FIT
@@ -130,16 +121,7 @@ class FadingWindow:
 def group_start_modes(order: list[StartMode], close: float) -> list[list[int]]:
     """Group neighbouring modes; large groups are split at the widest gap.
 
-    Parameters
-    ----------
-    order
-        Initial modes, ascending in frequency.
-    close
-        Distance that joins two modes [half-bandwidths].
-
-    Returns
-    -------
-    Indices of each group.
+    Modes join that are closer than `close` [half-bandwidths].
     """
     poles = [start.pole for start in order]
     groups: list[list[int]] = []
@@ -169,20 +151,8 @@ def prepare_fading_window(
 ) -> FadingWindow:
     """Prepare the data of a window, in few combinations of channels.
 
-    Parameters
-    ----------
-    order
-        Initial modes, ascending in frequency.
-    members
-        Indices of the modes of the window.
-    held
-        Modes beside it whose poles stay.
-    wide
-        Range beyond the members [half-bandwidths].
-
-    Returns
-    -------
-    Scaled data and initial values.
+    Poles of the modes `held`, beside the window, stay; the window reaches `wide`
+    [half-bandwidths] beyond its members.
     """
     omega = 2 * np.pi * seen.frequency_hz
     poles = np.array([order[k].pole for k in members]) - seen.decay

@@ -16,16 +16,8 @@ from .model import BandData, BandModel
 class LikelihoodEvaluation:
     """What a model predicts of the data, and how likely that makes them.
 
-    Parameters
-    ----------
-    gain, bent
-        Mean response of each mode, and its slope, as `BandModel.gain` gives them.
-    density
-        Predicted density.
-    precision
-        Its inverse; None where the density is not positive definite.
-    log_likelihood
-        Whittle log-likelihood; minus infinity there.
+    The precision is None, and the likelihood minus infinity, where the density is not positive
+    definite.
     """
 
     gain: Complex[np.ndarray, "mode group"]
@@ -40,14 +32,7 @@ def evaluate(
 ) -> LikelihoodEvaluation:
     """Predict the data, and say how likely they are.
 
-    Parameters
-    ----------
-    known
-        Evaluation of a model with the same poles, which need not be evaluated again.
-
-    Returns
-    -------
-    Density, inverse and likelihood.
+    Poles of the model `known` need not be evaluated again.
     """
     if known is None:
         gain, bent = model.gain(data.omega, data.width)
@@ -65,14 +50,7 @@ def inverse_density(
 ) -> tuple[np.ndarray | None, np.ndarray]:
     """Inverses of positive definite matrices, and logarithms of their determinants.
 
-    Parameters
-    ----------
-    density
-        Hermitian matrices; only the upper triangles are read.
-
-    Returns
-    -------
-    Inverses, None if any matrix is not positive definite; and logarithms.
+    Only upper triangles are read; None if any matrix is not positive definite.
     """
     s = np.ascontiguousarray(density.transpose(1, 2, 0))
     root = np.zeros_like(s)
@@ -96,12 +74,7 @@ def inverse_density(
 def band_log_likelihood(
     data: BandData, density: Complex[np.ndarray, "group direction direction"]
 ) -> float:
-    """Whittle log-likelihood; minus infinity if the density is not positive definite.
-
-    Returns
-    -------
-    Log-likelihood, up to a constant.
-    """
+    """Whittle log-likelihood; minus infinity if the density is not positive definite."""
     return _log_likelihood(data, *inverse_density(density))
 
 

@@ -32,17 +32,7 @@ GAUGE = 1e-9
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Tangents:
-    r"""Vectors :math:`v_q = c_q b_q`, and :math:`K = v^H P`.
-
-    Parameters
-    ----------
-    base
-        b of each vector.
-    scalar
-        c of each vector at each group.
-    seen
-        K.
-    """
+    r"""Vectors :math:`v_q = c_q b_q`, and :math:`K = v^H P`."""
 
     base: Complex[np.ndarray, "vector direction"]
     scalar: Complex[np.ndarray, "vector group"]
@@ -75,18 +65,7 @@ def cross_information(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Compute the sums that go with z z' and with z times the conjugate of z'.
 
-    Parameters
-    ----------
-    one, other
-        Vectors of two sets of coordinates.
-    precision
-        Inverse density.
-    number
-        Ordinates in each group.
-
-    Returns
-    -------
-    Two arrays, ["vector direction vector direction"].
+    Both have the shape ["vector direction vector direction"].
     """
     directions, groups = precision.shape[1:]
     sizes = (len(one.base), directions, len(other.base), directions)
@@ -100,17 +79,7 @@ def cross_information(
 
 
 class ModelTangents:
-    """Derivatives of a density by the free parameters of its model.
-
-    Parameters
-    ----------
-    data, model
-        Band, and its modal state-space model.
-    gain, bent
-        Response of its modes, and slope.
-    precision
-        Inverse density, ["direction direction group"].
-    """
+    """Derivatives of a density by the free parameters of its model."""
 
     def __init__(
         self,
@@ -135,16 +104,8 @@ class ModelTangents:
     def coordinates(self, whole: np.ndarray, *, conjugate: bool = False) -> np.ndarray:
         """Complex coordinates of the parameters, from those of all vectors and directions.
 
-        Parameters
-        ----------
-        whole
-            ["vector direction other"].
-        conjugate
-            Whether the coordinates are conjugated.
-
-        Returns
-        -------
-        ["coordinate other"]: poles, shapes, forces, level and slope of the background.
+        From ["vector direction other"] to ["coordinate other"]: poles, shapes, forces, level
+        and slope of the background.
         """
         layout, others = self._layout, whole.shape[2]
         linear = whole.reshape(-1, others)[layout.index] * layout.share
@@ -184,8 +145,6 @@ class _CoordinateLayout:
         Poles that are free: coordinates of their own, the first.
     index, share
         Of all others, and their factors as a column.
-    real
-        Real and imaginary parts that are parameters: the diagonals of the background are real.
     """
 
     moving: int
@@ -196,19 +155,7 @@ class _CoordinateLayout:
 
 @functools.cache
 def layout_of(moving: int, free: int, modes: int, directions: int) -> _CoordinateLayout:
-    """Layout of the parameters of a model.
-
-    Parameters
-    ----------
-    moving, free, modes
-        How many poles, shapes and forces are parameters.
-    directions
-        Number of directions.
-
-    Returns
-    -------
-    Indices of the coordinates.
-    """
+    """Layout of the parameters of a model."""
     low, high = np.tril_indices(directions)
     first = moving + free + modes
     shapes_and_forces = np.arange(moving * directions, first * directions)
@@ -226,14 +173,8 @@ def layout_of(moving: int, free: int, modes: int, directions: int) -> _Coordinat
 def real_rows(plain: np.ndarray, turned: np.ndarray) -> np.ndarray:
     """Products of real and imaginary parts of two sets of coordinates.
 
-    Parameters
-    ----------
-    plain, turned
-        Sums that go with z z' and with z times the conjugate of z'.
-
-    Returns
-    -------
-    Twice as many rows and columns, real and imaginary parts in turn.
+    `plain` and `turned` go with z z' and with z times the conjugate of z'; real and imaginary
+    parts are rows in turn.
     """
     whole = np.empty((2 * plain.shape[0], 2 * plain.shape[1]))
     both, apart = plain + turned, turned - plain
@@ -252,14 +193,7 @@ def surprise_of(
 ) -> Complex[np.ndarray, "direction direction group"]:
     """Gap of data and density between inverse densities, times the number of ordinates.
 
-    Parameters
-    ----------
-    density, precision
-        Predicted density and its inverse, groups first.
-
-    Returns
-    -------
-    One matrix per group, groups last.
+    Groups are first in the arguments, and last in the result.
     """
     between = precision @ (data.density - density) @ precision
     return np.ascontiguousarray((between * data.number[:, None, None]).transpose(1, 2, 0))
@@ -272,14 +206,7 @@ def information_and_score(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Fisher information and score of a model that has been evaluated.
 
-    Parameters
-    ----------
-    predicted
-        Response of the modes and its slope; density and its inverse, groups first.
-
-    Returns
-    -------
-    Information matrix, and score.
+    `predicted` holds the response of the modes and its slope; density and its inverse.
     """
     gain, bent, density, inverse = predicted
     precision = np.ascontiguousarray(inverse.transpose(1, 2, 0))
@@ -291,13 +218,7 @@ def information_and_score(
 def add_prior(
     model: BandModel, information: np.ndarray, score: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Add prior information and score of the poles.
-
-    Parameters
-    ----------
-    information
-        Information matrix.
-    """
+    """Add prior information and score of the poles."""
     modes = 0 if model.still else len(model.pole) - model.held
     away, wide = (each[:, :modes].T.reshape(-1) for each in model.ties())
     own = np.arange(2 * modes)
@@ -309,14 +230,7 @@ def add_prior(
 def restricted_inverse(information: np.ndarray) -> np.ndarray:
     """Inverse of an information matrix on the parameters that the data determine.
 
-    Parameters
-    ----------
-    information
-        Information matrix.
-
-    Returns
-    -------
-    Covariance; zero along length and phase of the shapes.
+    It is zero along length and phase of the shapes.
     """
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
     power, directions = np.linalg.eigh(information / scale[:, None] / scale)

@@ -65,27 +65,12 @@ class BandFit:
     converged: bool
 
     def pole_covariance(self, mode: int) -> Float[np.ndarray, "2 2"]:
-        """Covariance of log decay rate and angular frequency of a mode.
-
-        Returns
-        -------
-        Two by two matrix.
-        """
+        """Covariance of log decay rate and angular frequency of a mode."""
         at = slice(2 * mode, 2 * mode + 2)
         return self.covariance[at, at]
 
     def shape_covariance(self, mode: int) -> Complex[np.ndarray, "direction direction"]:
-        """Covariance of the complex shape at fixed length and phase.
-
-        Parameters
-        ----------
-        mode
-            Index of the mode.
-
-        Returns
-        -------
-        Complex covariance matrix.
-        """
+        """Covariance of the complex shape at fixed length and phase."""
         directions, modes = self.model.shape.shape
         first = 2 * modes + 2 * directions * mode
         block = self.covariance[first : first + 2 * directions, first : first + 2 * directions]
@@ -107,14 +92,7 @@ def initial_model(
 ) -> BandModel:
     """Positive definite model with given poles and shapes.
 
-    Parameters
-    ----------
-    pole
-        Poles, in the unit of the data.
-    shape
-        Shapes.
-    held
-        Number of poles at the end that stay.
+    The last `held` poles stay.
     """
     none = np.zeros((len(shape), len(shape)), dtype=complex)
     model = BandModel(pole, shape, 0 * shape, none, none, pole, held)
@@ -128,10 +106,6 @@ def expectation_maximisation(data: BandData, model: BandModel) -> BandModel:
 
     White forces on the modes and white background are drawn jointly with a covariance W; each
     round replaces W by its mean given data and W, and no round lowers the likelihood.
-
-    Returns
-    -------
-    Model with a positive definite density.
     """
     pole, shape = model.pole, model.shape
     modes, directions = len(pole), len(shape)
@@ -172,15 +146,9 @@ def _force_and_level(
 
 
 def _pull(base: np.ndarray, response: np.ndarray, surprise: np.ndarray) -> np.ndarray:
-    """Sum over the groups of what the data ask of the covariance of all that is drawn.
-
-    Parameters
-    ----------
-    base, response
-        Vector along which each is seen, and its response at each group.
-    surprise
-        Gap of data and density between inverse densities, ["direction direction group"].
-    """
+    """Sum over the groups of what the data ask of the covariance of all that is drawn."""
+    # `base` is the vector along which each is seen, `response` its response at each group;
+    # `surprise` the gap of data and density between inverse densities.
     size, directions = base.shape
     pulled = (base.conj() @ surprise.reshape(directions, -1)).reshape(size, directions, -1)
     pulled = base @ pulled
@@ -193,14 +161,7 @@ def fit_band_model(data: BandData, model: BandModel, *, roughly: bool = False) -
 
     Poles stay at first; while forces are far off, they would leave for where one is missing.
 
-    Parameters
-    ----------
-    roughly
-        Whether to stop early, when only dozens of log-likelihood matter.
-
-    Returns
-    -------
-    Model, log-likelihood and covariance.
+    It stops early with `roughly`, when only dozens of log-likelihood matter.
     """
     enough, most = (ROUGHLY, SOME_STEPS) if roughly else (CONVERGED, MOST_STEPS)
     model, here, converged = _climbed(data, fit_forces(data, model), enough, most)

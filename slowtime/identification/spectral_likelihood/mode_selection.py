@@ -62,8 +62,6 @@ class FittedMode:
         Log-likelihood that would be lost without the mode, over what it must be worth.
     prominence
         Density of the mode over that of everything else at its peak, where it shows best.
-    strength
-        Density at the peak, all channels of the spectrum together.
     """
 
     pole: complex
@@ -86,21 +84,8 @@ class InitialMode:
 def select_modes(
     spectrum: Spectrum, starts: list[InitialMode], *, low_hz: float, high_hz: float
 ) -> list[tuple[int, FittedMode]]:
-    """Select the modes among candidates, in narrow windows.
-
-    Windows are narrow here: little else in them can be mistaken for a mode.
-
-    Parameters
-    ----------
-    starts
-        Candidates.
-    low_hz, high_hz
-        Limits of the search [Hz].
-
-    Returns
-    -------
-    Modes, each with the index of its start.
-    """
+    """Select the modes among candidates, in narrow windows."""
+    # Windows are narrow here: little else in them can be mistaken for a mode.
     return _in_windows(spectrum, starts, (low_hz, high_hz), _SELECTION)
 
 
@@ -115,20 +100,8 @@ def fit_modes(
     """Fit selected modes in wide windows, with the skirts of the modes beyond.
 
     Windows are wide here: most is to be learned in them, with the skirts of the modes beyond
-    accounted for. That asks for a list of modes without strangers.
-
-    Parameters
-    ----------
-    starts
-        Selected modes.
-    low_hz, high_hz
-        Limits of the search [Hz].
-    all_of_them
-        Whether modes stay that the spectrum can do without.
-
-    Returns
-    -------
-    Modes, each with the index of its start.
+    accounted for. That asks for a list of modes without strangers. With `all_of_them`, modes
+    stay that the spectrum can do without.
     """
     stage = dataclasses.replace(_FINAL, worth=-np.inf) if all_of_them else _FINAL
     return _in_windows(spectrum, starts, (low_hz, high_hz), stage)
@@ -142,17 +115,6 @@ def widen_for_windows(
     The likeliest values in a narrow window differ from those in a wide one by no more than the
     difference of their variances allows, if the model holds [1]_. A larger difference shows a
     force or a neighbour that is not as modelled; it is added to the variance.
-
-    Parameters
-    ----------
-    fitted
-        Modes fitted in wide windows.
-    low_hz, high_hz
-        Limits of the search [Hz].
-
-    Returns
-    -------
-    The same modes, some with larger errors.
 
     References
     ----------
@@ -251,11 +213,9 @@ def _kept(case: WindowData) -> tuple[list[int], BandFit]:
 
 
 def _selected(case: WindowData) -> tuple[list[int], BandFit]:
-    """Add candidates, the one that promises most first, as long as they keep the promise.
-
-    Poles stay where the candidates have them until all have been added: free ones would leave
-    for where another mode is still missing.
-    """
+    """Add candidates, the one that promises most first, as long as they keep the promise."""
+    # Poles stay where the candidates have them until all have been added: free ones would leave
+    # for where another mode is still missing.
     left: list[int] = []
     waiting = set(range(case.modes))
     best = fit_forces(case.data, case.start([]))

@@ -31,10 +31,6 @@ class BandData:
     ----------
     omega, width
         Middle and width of each group, scaled angular frequency [1]; 0 for a single ordinate.
-    density
-        Mean of :math:`Y Y^H` over the group.
-    number
-        How many ordinates are in it.
     length, turn
         Of the record, in the inverse of the unit of `omega`, and the phase in which it leaves
         what turns at the frequency that was moved to zero. Without them leakage is neglected.
@@ -87,17 +83,6 @@ class BandModel:
 
         at the frequencies of a transform over T, with all the leakage of a finite record, and
         averaged over the width of each group.
-
-        Parameters
-        ----------
-        omega
-            Angular frequencies of the groups, in the unit of the model.
-        width
-            Width of each group of ordinates, in the unit of the model.
-
-        Returns
-        -------
-        Response and derivative, mode by group.
         """
         plain, square, cube = _averaged(1j * omega - self.pole[:, None], width)
         if np.isinf(self.length):
@@ -107,93 +92,32 @@ class BandModel:
         return plain - leak * square, (1.0 + left) * square - 2.0 * leak * cube
 
     def resonances(self, omega: Float[np.ndarray, " group"], width: Width = 0.0) -> np.ndarray:
-        """Part of each mode in the density, ["mode group direction direction"].
-
-        Parameters
-        ----------
-        omega
-            Angular frequencies of the groups, in the unit of the model.
-        width
-            Width of each group of ordinates, in the unit of the model.
-
-        Returns
-        -------
-        One matrix per mode and group.
-        """
+        """Part of each mode in the density, ["mode group direction direction"]."""
         gain, _ = self.gain(omega, width)
         half = np.einsum("im,mk,jm->mkij", self.shape, gain, self.force.conj())
         return np.asarray(half + half.conj().transpose(0, 1, 3, 2))
 
     def background(self, omega: Float[np.ndarray, " group"]) -> np.ndarray:
-        """Part of the density that is no resonance of the band.
-
-        Parameters
-        ----------
-        omega
-            Angular frequencies of the groups, in the unit of the model.
-
-        Returns
-        -------
-        One matrix per group.
-        """
+        """Part of the density that is no resonance of the band."""
         return np.asarray(self.level + self.slope * omega[:, None, None])
 
     def density(self, omega: Float[np.ndarray, " group"], width: Width = 0.0) -> np.ndarray:
-        """Predicted spectral matrices.
-
-        Parameters
-        ----------
-        omega
-            Angular frequencies of the groups, in the unit of the model.
-        width
-            Width of each group of ordinates, in the unit of the model.
-
-        Returns
-        -------
-        One matrix per group.
-        """
+        """Predicted spectral matrices."""
         gain, _ = self.gain(omega, width)
         return self.density_of_gain(omega, gain)
 
     def density_of_gain(
         self, omega: Float[np.ndarray, " group"], gain: Complex[np.ndarray, "mode group"]
     ) -> np.ndarray:
-        """Predicted spectral matrices, from the response of the modes.
-
-        Parameters
-        ----------
-        omega
-            Angular frequencies of the groups, in the unit of the model.
-        gain
-            Response of each mode, as `gain` gives it.
-
-        Returns
-        -------
-        One matrix per group.
-        """
+        """Predicted spectral matrices, from the response of the modes."""
         return density_of(self.shape, self.force, self.background(omega), gain)
 
     def predicted(self, data: BandData) -> np.ndarray:
-        """Predicted spectral matrices of the data.
-
-        Returns
-        -------
-        One matrix per group.
-        """
+        """Predicted spectral matrices of the data."""
         return self.density(data.omega, data.width)
 
     def prominence(self, mode: int) -> float:
-        """Largest ratio, over directions, of a mode to everything else at its peak.
-
-        Parameters
-        ----------
-        mode
-            Index of the mode.
-
-        Returns
-        -------
-        Ratio of densities [1].
-        """
+        """Largest ratio, over directions, of a mode to everything else at its peak."""
         at = np.array([self.pole[mode].imag])
         parts = self.resonances(at)[:, 0]
         rest = parts.sum(axis=0) - parts[mode] + self.background(at)[0]
@@ -204,17 +128,7 @@ class BandModel:
         return float(np.linalg.eigvalsh(root.conj().T @ own @ root)[-1])
 
     def without(self, mode: int) -> "BandModel":
-        """Model without one mode.
-
-        Parameters
-        ----------
-        mode
-            Index of the mode.
-
-        Returns
-        -------
-        Model.
-        """
+        """Model without one mode."""
         keep = np.arange(len(self.pole)) != mode
         return dataclasses.replace(
             self,
@@ -233,16 +147,7 @@ class BandModel:
     def with_modes(self, expected: np.ndarray, shape: np.ndarray) -> "BandModel":
         """Model with additional modes of zero force.
 
-        Parameters
-        ----------
-        expected
-            Poles of the modes.
-        shape
-            Shapes of the modes.
-
-        Returns
-        -------
-        Model; the new modes precede those that are held.
+        New modes precede those that are held.
         """
         at = len(self.pole) - self.held
         before = [at] * len(expected)
@@ -261,21 +166,7 @@ def density_of(
     background: Complex[np.ndarray, "*group direction direction"],
     gain: Complex[np.ndarray, "mode group"],
 ) -> Complex[np.ndarray, "group direction direction"]:
-    """Density of modes over a background, one matrix product for all groups.
-
-    Parameters
-    ----------
-    shape, force
-        Of each mode.
-    background
-        One matrix for all groups, or one for each.
-    gain
-        Response of each mode.
-
-    Returns
-    -------
-    One matrix per group.
-    """
+    """Density of modes over a background, one matrix product for all groups."""
     directions = len(shape)
     outer = (shape.T[:, :, None] * force.conj().T[:, None]).reshape(-1, directions**2)
     half = (gain.T @ outer).reshape(-1, directions, directions)
@@ -291,13 +182,7 @@ def _averaged(a: np.ndarray, width: Width) -> tuple[np.ndarray, np.ndarray, np.n
 
 
 def step_parameters(model: BandModel, step: Float[np.ndarray, " parameter"]) -> BandModel:
-    """Change all real parameters of a model, in the order of `BandModel.free`.
-
-    Parameters
-    ----------
-    step
-        Change of each parameter.
-    """
+    """Change all real parameters of a model, in the order of `BandModel.free`."""
     directions, modes = model.shape.shape
     of_poles = np.clip(step[: 2 * modes : 2], -1.0, 1.0), step[1 : 2 * modes : 2]
     pole = model.pole.real * np.exp(of_poles[0]) + 1j * (model.pole.imag + of_poles[1])
@@ -323,14 +208,7 @@ def step_parameters(model: BandModel, step: Float[np.ndarray, " parameter"]) -> 
 def hermitian_basis(size: int) -> np.ndarray:
     """Basis of the Hermitian matrices with real coefficients.
 
-    Parameters
-    ----------
-    size
-        Dimension.
-
-    Returns
-    -------
-    One matrix per coefficient; not to be written to, for it is kept.
+    It is kept, and not to be written to.
     """
     basis = np.zeros((size**2, size, size), dtype=complex)
     at = 0

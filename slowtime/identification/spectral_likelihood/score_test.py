@@ -41,18 +41,8 @@ class AddedModeTest:
     ) -> tuple[float, Complex[np.ndarray, " direction"]]:
         """Log-likelihood gained by one more mode, to first order.
 
-        The better of two: the shape given, and that which the data ask for there.
-
-        Parameters
-        ----------
-        pole
-            Pole, in the unit of the model.
-        shape
-            Shape that is tried, besides that which the data suggest.
-
-        Returns
-        -------
-        Gain, and the better of the two shapes.
+        The better of two shapes counts, and is given: the one tried, and that which the data
+        ask for there.
         """
         shapes = shape, self._asked_for(pole)
         gains = [self._gain(pole, each) for each in shapes]

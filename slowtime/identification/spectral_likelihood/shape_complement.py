@@ -39,15 +39,7 @@ Source: rounding of products of double precision."""
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Ordinates:
-    """Coefficients of a window, channel by channel, and the group of each.
-
-    Parameters
-    ----------
-    scaled
-        Coefficients, each channel in its own unit of the window.
-    group
-        Index of the group of `BandData` that each belongs to.
-    """
+    """Coefficients of a window, channel by channel, and the group of each."""
 
     scaled: Complex[np.ndarray, "ordinate channel"]
     group: Int[np.ndarray, " ordinate"]
@@ -59,8 +51,6 @@ class ShapeComplement:
 
     Parameters
     ----------
-    outside
-        Orthonormal combinations of channels that were left out.
     component
         Of each mode along them, in the unit of its fitted shape.
     covariance
@@ -80,18 +70,7 @@ def shape_complement(
 ) -> ShapeComplement | None:
     """Estimate the shapes of a fitted band in all remaining combinations of channels.
 
-    Parameters
-    ----------
-    ordinates
-        Coefficients of the window.
-    directions
-        Orthonormal combinations of channels that were fitted.
-    data, model
-        Band, and its fitted model.
-
-    Returns
-    -------
-    Components and their covariances; None where no combination was left out.
+    None where no combination was left out.
     """
     channels, kept = directions.shape
     if channels == kept:
@@ -132,10 +111,9 @@ def shape_complement(
 
 
 def _terms(data: BandData, model: BandModel) -> Complex[np.ndarray, "group term kept"]:
-    """Matrices that turn the fitted combinations into the terms of all others.
-
-    Terms are the shapes of all modes, their forces, the level of the background and its slope.
-    """
+    """Matrices that turn the fitted combinations into the terms of all others."""
+    # Terms are the shapes of all modes, their forces, the level of the background and its
+    # slope.
     gain, _ = model.gain(data.omega, data.width)
     precision, _ = inverse_density(model.density_of_gain(data.omega, gain))
     if precision is None:

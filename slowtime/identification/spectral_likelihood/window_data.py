@@ -32,17 +32,7 @@ class WindowUnits:
     directions: np.ndarray
 
     def pole(self, pole: np.ndarray) -> np.ndarray:
-        """Pole in the units of the window.
-
-        Parameters
-        ----------
-        pole
-            Pole [rad/s].
-
-        Returns
-        -------
-        Dimensionless pole.
-        """
+        """Pole in the units of the window."""
         return np.asarray((pole - 1j * self.middle) / self.unit)
 
     def back(self, pole: complex) -> complex:
@@ -72,17 +62,7 @@ class WindowData:
         return len(self.poles) - self.held
 
     def start(self, which: list[int]) -> BandModel:
-        """Model of some of the modes and of all that are beside the window.
-
-        Parameters
-        ----------
-        which
-            Indices of the modes.
-
-        Returns
-        -------
-        Initial model.
-        """
+        """Model of some of the modes and of all that are beside the window."""
         all_of = [*which, *range(self.modes, len(self.poles))]
         return initial_model(self.data, self.poles[all_of], self.shapes[:, all_of], self.held)
 
@@ -90,21 +70,7 @@ class WindowData:
 def prepare_window(
     spectrum: Spectrum, window: SpectralWindow, poles: np.ndarray, shapes: np.ndarray
 ) -> tuple[WindowUnits, WindowData]:
-    """Prepare data and initial values of a window.
-
-    Parameters
-    ----------
-    window
-        Frequency window.
-    poles
-        Poles [rad/s].
-    shapes
-        Shapes of the modes.
-
-    Returns
-    -------
-    Units of the window, and scaled data.
-    """
+    """Prepare data and initial values of a window."""
     index = np.arange(window.first, window.last + 1)
     index = index[~spectrum.spared[index]]
     coefficients = spectrum.coefficients[index]

@@ -56,24 +56,8 @@ class SpectralWindow:
     ) -> "SpectralWindow":
         """Window about a group of poles.
 
-        Parameters
-        ----------
-        spectrum
-            Fourier coefficients of the record.
-        poles
-            All poles, ascending in frequency [rad/s].
-        group
-            Indices of the group.
-        edges
-            Limits of the search [Hz].
-        wide
-            Range beyond the group [half-bandwidths].
-        beside
-            Largest number of modes beside the window, on either side.
-
-        Returns
-        -------
-        Window.
+        It reaches `wide` [half-bandwidths] beyond the group, within the edges [Hz]; at most
+        `beside` modes on either side are modelled with it.
         """
         frequency, half = poles.imag / (2 * np.pi), -poles.real / (2 * np.pi)
         below = min(frequency[k] - wide * half[k] for k in group)
@@ -103,17 +87,7 @@ class SpectralWindow:
 
 
 def group_close_poles(poles: np.ndarray) -> list[list[int]]:
-    """Group neighbouring poles; large groups are split at the widest gaps.
-
-    Parameters
-    ----------
-    poles
-        Poles [rad/s].
-
-    Returns
-    -------
-    Indices of each group.
-    """
+    """Group neighbouring poles; large groups are split at the widest gaps."""
     groups: list[list[int]] = []
     for k in range(len(poles)):
         if groups:
@@ -128,15 +102,7 @@ def group_close_poles(poles: np.ndarray) -> list[list[int]]:
 def shared_windows(
     groups: list[list[int]], about: Callable[[list[int]], SpectralWindow]
 ) -> list[tuple[list[int], SpectralWindow]]:
-    """Windows of the groups; neighbours with nearly the same window share one.
-
-    Parameters
-    ----------
-    groups
-        Indices of each group.
-    about
-        Function that gives the window of a group.
-    """
+    """Windows of the groups; neighbours with nearly the same window share one."""
     shared: list[tuple[list[int], SpectralWindow]] = []
     for group in groups:
         window = about(group)

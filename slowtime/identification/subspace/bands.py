@@ -44,17 +44,7 @@ class Passband:
         return self.to_hz - self.from_hz
 
     def gain(self, frequency_hz: Float[np.ndarray, " frequency"]) -> np.ndarray:
-        """Gain of the band: 1 in the core, 0 beyond the edges, half a cosine between.
-
-        Parameters
-        ----------
-        frequency_hz
-            Frequencies [Hz].
-
-        Returns
-        -------
-        Gain [1].
-        """
+        """Gain of the band: 1 in the core, 0 beyond the edges, half a cosine between."""
         rise = (frequency_hz - self.from_hz) / (self.low_hz - self.from_hz)
         fall = (self.to_hz - frequency_hz) / (self.to_hz - self.high_hz)
         inside = np.clip(np.minimum(rise, fall), 0.0, 1.0)
@@ -66,18 +56,7 @@ def plan_bands(
 ) -> tuple[Passband, ...]:
     """Bands whose cores follow each other from `low_hz` to `high_hz`.
 
-    Parameters
-    ----------
-    low_hz, high_hz
-        Ends of all cores together [Hz].
-    rate_hz
-        Of the record [Hz]; no band reaches half of it.
-    resolution_hz
-        One over the duration of the record [Hz].
-
-    Returns
-    -------
-    The bands, ascending.
+    No band reaches half the rate; `resolution_hz` is one over the duration of the record.
 
     Examples
     --------
@@ -108,18 +87,8 @@ def demodulate(
 ) -> tuple[Complex[np.ndarray, "time channel"], float, float]:
     """Series of one band, from the real transform of the whole record.
 
-    Parameters
-    ----------
-    spectrum
-        ``scipy.fft.rfft(samples, axis=0)``.
-    count, rate_hz
-        Of the samples.
-    band
-        Band to take out.
-
-    Returns
-    -------
-    Series whose real part, turned back, is the band; its rate; what was moved to zero [Hz].
+    The spectrum is ``scipy.fft.rfft(samples, axis=0)``. Gives the series whose real part,
+    turned back, is the band; its rate; and what was moved to zero [Hz].
     """
     spacing = rate_hz / count
     first = max(1, int(np.ceil(band.from_hz / spacing)))

@@ -28,10 +28,6 @@ class Correlations:
         :math:`R_\tau = \mathrm{E}\, y_{t+\tau} r_t^H`.
     draws
         Draws of the error of the mean, slowest first.
-    rate_hz
-        Lags per second [Hz].
-    duration_s
-        Seconds of signal behind them.
     centre_hz
         Frequency that was moved to zero before [Hz].
     """
@@ -54,17 +50,6 @@ def block_products(
 
     Pairs that reach beyond the last sample are missing from the last blocks, which
     `correlation_matrices` corrects. Samples after the last whole block serve only in pairs.
-
-    Parameters
-    ----------
-    series
-        Series of all channels.
-    references
-        Series of the reference channels.
-    lags
-        Number of lags.
-    length
-        Length of a block [samples].
     """
     blocks = len(references) // length
     used = blocks * length
@@ -89,20 +74,8 @@ def correlation_matrices(
 ) -> Correlations:
     """Correlate a whole series of zero mean with its references.
 
-    Parameters
-    ----------
-    series, references
-        The references may be channels of the series, or mixtures of them.
-    lags
-        How many, from 0.
-    centre_hz
-        Frequency that was moved to zero before [Hz].
-    draws
-        At most so many; fewer where the series is short.
-
-    Returns
-    -------
-    Correlations, with draws of their errors.
+    References may be channels of the series, or mixtures of them. There are at most `draws`
+    draws of the error, fewer where the series is short.
 
     Examples
     --------
@@ -146,14 +119,6 @@ def combine_products(
     ----------
     products, pairs
         Sums of products and how many (or of what total weight) went into them.
-    centre_hz
-        Frequency that was moved to zero before [Hz].
-    draws
-        Largest number of error draws.
-
-    Returns
-    -------
-    Correlations, with draws of their errors.
 
     References
     ----------

@@ -64,25 +64,8 @@ def input_output_poles(
 ) -> Poles:
     """Poles of models of all orders, with errors.
 
-    Parameters
-    ----------
-    inputs, outputs
-        Samples of one record, without offsets.
-    rate_hz
-        Sampling rate [Hz].
-    highest_hz
-        Highest frequency sought [Hz]; the record is decimated to fit.
-    order
-        Highest order.
-
-    Returns
-    -------
-    Poles of orders 1 to `order`, with shapes of unit norm over the outputs.
-
-    Raises
-    ------
-    ValueError
-        Where the record is too short.
+    Records have no offsets, and are decimated to fit `highest_hz`. Shapes have unit norm over
+    the outputs. Raises `ValueError` where the record is too short.
     """
     factor = max(1, math.floor(rate_hz / (OVERSAMPLING * highest_hz)))
     if factor > 1:

@@ -28,12 +28,8 @@ class Whitening:
 class WeightedSubspace:
     """Left singular vectors of the weighted Hankel matrix, and what its draws move them by.
 
-    Parameters
-    ----------
-    errors
-        Each draw of the weighted matrix times right singular vectors over singular values.
-    unweighted
-        From the weighted future to the future.
+    `errors` are each draw of the weighted matrix times right singular vectors over singular
+    values; `unweighted` leads from the weighted future to the future.
     """
 
     u: np.ndarray
@@ -45,17 +41,7 @@ class WeightedSubspace:
 
 
 def whitening(covariance: np.ndarray | None, size: int, dtype: np.dtype) -> Whitening:
-    """Whiten by the inverse square root of a covariance.
-
-    Parameters
-    ----------
-    covariance
-        Hermitian; None for the identity.
-    size
-        Its rows.
-    dtype
-        Of the identity.
-    """
+    """Whiten by the inverse square root of a Hermitian covariance; None for the identity."""
     if covariance is None:
         identity = np.eye(size, dtype=dtype)
         return Whitening(identity, identity)
@@ -73,20 +59,7 @@ def poles_of_order(
 ) -> PolesOfOrder:
     """Poles of positive frequency of one order, with what the draws move them by.
 
-    Parameters
-    ----------
-    subspace
-        Subspace of the highest order.
-    n
-        Order.
-    centre_hz
-        Frequency that was moved to zero [Hz].
-    shapes
-        Whether to compute errors of the shapes as well.
-
-    Returns
-    -------
-    Order, poles, shapes, errors of the poles, and of the shapes (or None).
+    Errors of the shapes are None unless they are asked for.
     """
     channels, rate = subspace.channels, subspace.rate_hz
     gamma = subspace.gamma[:, :n]
@@ -121,20 +94,7 @@ def poles_of_order(
 def _functionals(
     subspace: WeightedSubspace, n: int, rows: np.ndarray, right: np.ndarray
 ) -> np.ndarray:
-    """Rows times the error of the observability matrix times an eigenvector.
-
-    Parameters
-    ----------
-    rows
-        Of each eigenvector, ["eigenvector row time_and_channel"].
-    right
-        Eigenvectors as columns.
-
-    Returns
-    -------
-    np.ndarray
-        ["draw row eigenvector"].
-    """
+    """Rows times the error of the observability matrix times an eigenvector."""
     u = subspace.u[:, :n]
     x = _times(rows, subspace.unweighted)
     x = x - _times(_times(x, u), u.conj().T)
@@ -157,19 +117,7 @@ def _times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def joined_poles(parts: list[PolesOfOrder], duration_s: float) -> Poles:
-    """Join the poles of all orders.
-
-    Parameters
-    ----------
-    parts
-        As `poles_of_order` gives them.
-    duration_s
-        Of the record [s].
-
-    Returns
-    -------
-    Poles of all orders, with unit-norm shapes.
-    """
+    """Join the poles of all orders."""
     order = np.concatenate([np.full(len(part[1]), part[0]) for part in parts])
     errors = [part[4] for part in parts if part[4] is not None]
     found = Poles(

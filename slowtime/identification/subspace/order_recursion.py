@@ -58,20 +58,8 @@ def poles_of_orders(
 ) -> list[PolesOfOrder]:
     """Poles of positive frequency of several orders, with what the draws move them by.
 
-    Parameters
-    ----------
-    subspace
-        Subspace of the highest order.
-    orders
-        Orders, none above that of the subspace.
-    centre_hz
-        Frequency that was moved to zero [Hz].
-    errors_within
-        Poles whose errors are computed; those of others are nan. All by default.
-
-    Returns
-    -------
-    What `poles_of_order` gives of each order without errors of the shapes, to rounding.
+    It is what `poles_of_order` gives of each order without errors of the shapes, to rounding.
+    Errors are computed for the poles within the limits; those of others are nan.
     """
     channels = subspace.channels
     q, triangle = np.linalg.qr(subspace.gamma[:-channels])

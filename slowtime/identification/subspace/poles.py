@@ -28,17 +28,7 @@ class PoleLimits:
     most_damping: float = MOST_DAMPING
 
     def inside(self, pole: Complex[np.ndarray, " pole"]) -> Int[np.ndarray, " chosen"]:
-        """Find the poles within the limits.
-
-        Parameters
-        ----------
-        pole
-            s [rad/s].
-
-        Returns
-        -------
-        Ascending indices.
-        """
+        """Find the poles within the limits."""
         size = np.abs(pole)
         frequency, damping = size / (2 * np.pi), -pole.real / size
         fit = (frequency >= self.low_hz) & (frequency <= self.high_hz)
@@ -55,14 +45,10 @@ class Poles:
         Of the model that each pole belongs to.
     pole
         s [rad/s], only those of positive frequency.
-    shape
-        Of unit norm.
     draws
         Errors of s [rad/s]; nan where they were not asked for.
     shape_draws
         Errors of the shapes; None where they were not asked for.
-    duration_s
-        Of the record [s].
     """
 
     order: Int[np.ndarray, " pole"]
@@ -125,31 +111,14 @@ class Poles:
 
 
 def rescale_channels(poles: Poles, scale: Float[np.ndarray, " channel"]) -> Poles:
-    """Shapes for channels that are scaled by `scale`.
-
-    Parameters
-    ----------
-    poles
-        Poles with shapes.
-    scale
-        Factor of each channel [1].
-    """
+    """Shapes for channels that are scaled by `scale`."""
     return combine_poles(poles, np.diag(scale))
 
 
 def combine_poles(poles: Poles, mixing: Inexact[np.ndarray, "sensor channel"]) -> Poles:
     """Shapes of channels that are linear combinations of those identified.
 
-    Parameters
-    ----------
-    poles
-        Poles with shapes.
-    mixing
-        Weights, new channel by identified channel.
-
-    Returns
-    -------
-    Poles with unit-norm shapes.
+    Weights are new channel by identified channel; shapes have unit norm.
     """
     shape = mixing @ poles.shape
     size = np.linalg.norm(shape, axis=0)

@@ -51,15 +51,7 @@ NEAREST = 0.5
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SetUpRecord:
-    """Samples of one set-up.
-
-    Parameters
-    ----------
-    samples
-        Time by channel, of zero mean.
-    channels
-        Names: places and directions on the structure.
-    """
+    """Samples of one set-up."""
 
     samples: Float[np.ndarray, "time channel"]
     channels: tuple[str, ...]
@@ -92,29 +84,7 @@ def merge_before(
 ) -> PreMerged:
     """Identify the modes of a structure from all set-ups at once.
 
-    Parameters
-    ----------
-    setups
-        Records of the same rate.
-    rate_hz
-        Sampling rate [Hz].
-    references
-        Channels that all set-ups have.
-    block_rows
-        Lags in a block row or column.
-    orders
-        Model orders, two for each mode.
-    band_hz
-        Band of the modes [Hz].
-
-    Returns
-    -------
-    Modes with errors.
-
-    Raises
-    ------
-    ValueError
-        Where a set-up lacks a reference, or there are too few channels.
+    Raises `ValueError` where a set-up lacks a reference, or there are too few channels.
     """
     layout = _layout(setups, references)
     correlations = _correlations(setups, layout, rate_hz, 2 * block_rows)

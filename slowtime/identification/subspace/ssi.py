@@ -57,23 +57,15 @@ def ssi_covariance(
 
     Parameters
     ----------
-    samples
-        Equally spaced, any units; each channel is scaled to unit variance.
     block_rows
         Lags in a block row or column; twice as many are used.
     orders
         Model orders, two for each mode.
     references
         Channels to correlate with; all by default.
-    shapes
-        Whether to compute errors of the shapes as well.
     weighting
         See `identify_poles`. `both` is the best at orders beyond what there is; it needs all
         channels as references.
-
-    Returns
-    -------
-    Poles of all orders, with their errors.
 
     References
     ----------
@@ -114,14 +106,8 @@ def identify_poles(
         M of the references :math:`r = M y`; the channels themselves by default.
     first_lag
         Lags before it are not used, whatever noise and filters do to them.
-    shapes
-        Whether to compute errors of the shapes as well.
     errors_within
         Poles whose errors are computed, unless those of shapes are; all by default.
-
-    Returns
-    -------
-    Poles of all orders, with their errors.
 
     References
     ----------

@@ -46,10 +46,6 @@ class StablePole:
     ----------
     pole
         s [rad/s].
-    shape
-        As the poles had it.
-    frequency_sd_hz, damping_sd
-        To first order, at the order that stands for the rest.
     orders
         How many showed it.
     share
@@ -95,14 +91,7 @@ class Stabilisation:
     def of_modes(self, kept: Sequence[int]) -> "Stabilisation":
         """Diagram after a selection of modes.
 
-        Parameters
-        ----------
-        kept
-            Former indices of the modes, in their new order.
-
-        Returns
-        -------
-        Diagram whose `mode` counts the modes kept; poles of the others belong to none.
+        Its `mode` counts the modes kept, in their order; poles of the others belong to none.
         """
         places = np.full(int(self.mode.max(initial=-1)) + 2, -1)
         for place, former in enumerate(kept):
@@ -111,36 +100,14 @@ class Stabilisation:
         return dataclasses.replace(self, mode=places[self.mode])
 
     def within(self, band_hz: tuple[float, float]) -> "Stabilisation":
-        """Diagram without the poles outside a band.
-
-        Parameters
-        ----------
-        band_hz
-            Lower and upper limit [Hz].
-
-        Returns
-        -------
-        Diagram of the poles within the limits.
-        """
+        """Diagram without the poles outside a band."""
         use = (self.frequency_hz >= band_hz[0]) & (self.frequency_hz <= band_hz[1])
         parts = {f.name: getattr(self, f.name)[use] for f in dataclasses.fields(self)}
         return Stabilisation(**parts)
 
 
 def find_stable_poles(poles: Poles, *, low_hz: float, high_hz: float) -> list[StablePole]:
-    """Poles that are stable over model orders.
-
-    Parameters
-    ----------
-    poles
-        Poles of all orders.
-    low_hz, high_hz
-        Limits of the search [Hz].
-
-    Returns
-    -------
-    Stable poles, ascending in frequency.
-    """
+    """Poles that are stable over model orders."""
     frequency, damping = poles.frequency_hz, poles.damping_ratio
     sd_f, sd_z, _ = poles.standard_deviations()
     fit = PoleLimits(low_hz, high_hz).inside(poles.pole)

@@ -43,17 +43,7 @@ class TrackEvent:
 def reorder(
     order: tuple[int, ...], tracks: dict[int, Track], epoch: int
 ) -> tuple[tuple[int, ...], list[TrackEvent]]:
-    """Order of identities in frequency, and the crossings since the order before.
-
-    Parameters
-    ----------
-    order
-        Identities in the order before.
-    tracks
-        State of each identity.
-    epoch
-        Number of the epoch.
-    """
+    """Order of identities in frequency, and the crossings since the order before."""
     known = [identity for identity in order if identity in tracks]
     fresh = sorted(set(tracks) - set(known), key=lambda i: tracks[i].frequency.mean)
     for identity in fresh:
@@ -71,21 +61,7 @@ def reorder(
 def veered(
     order: tuple[int, ...], tracks: dict[int, Track], epoch: int
 ) -> tuple[dict[int, Track], list[TrackEvent]]:
-    """Neighbours that have exchanged shapes, with their new shapes.
-
-    Parameters
-    ----------
-    order
-        Identities in order of frequency.
-    tracks
-        State of each identity.
-    epoch
-        Number of the epoch.
-
-    Returns
-    -------
-    Tracks with updated shapes, and events.
-    """
+    """Neighbours that have exchanged shapes, with their new shapes."""
     renewed: dict[int, Track] = {}
     events = []
     for low, high in itertools.pairwise(order):

@@ -49,19 +49,7 @@ class FrequencyBelief:
 
 
 def initial_belief(frequency_hz: float, sd_hz: float) -> FrequencyBelief:
-    """Belief from the first reading, with equal weights of all speeds.
-
-    Parameters
-    ----------
-    frequency_hz
-        Reading [Hz].
-    sd_hz
-        Standard deviation [Hz].
-
-    Returns
-    -------
-    Belief of ln f.
-    """
+    """Belief from the first reading, with equal weights of all speeds."""
     count = len(SPEEDS)
     sd = max(sd_hz / frequency_hz, FLOOR)
     return FrequencyBelief(
@@ -77,34 +65,12 @@ def predict_belief(belief: FrequencyBelief, elapsed: float) -> FrequencyBelief:
 
 
 def log_density(belief: FrequencyBelief, frequency_hz: float, sd_hz: float) -> float:
-    """Predictive log-density of a reading, per unit of the logarithm of frequency.
-
-    Parameters
-    ----------
-    frequency_hz
-        Reading [Hz].
-    sd_hz
-        Standard deviation [Hz].
-    """
+    """Predictive log-density of a reading, per unit of the logarithm of frequency."""
     return float(np.logaddexp.reduce(belief.log_weight + _each(belief, frequency_hz, sd_hz)))
 
 
 def update(belief: FrequencyBelief, frequency_hz: float, sd_hz: float) -> FrequencyBelief:
-    """Update by a reading; outliers have a reduced weight (Student errors).
-
-    Parameters
-    ----------
-    belief
-        Predicted belief.
-    frequency_hz
-        Reading [Hz].
-    sd_hz
-        Standard deviation [Hz].
-
-    Returns
-    -------
-    Updated belief.
-    """
+    """Update by a reading; outliers have a reduced weight (Student errors)."""
     noise = max(sd_hz / frequency_hz, FLOOR) ** 2
     residual = np.log(frequency_hz) - belief.level
     surprise = residual**2 / (belief.variance + noise)
@@ -123,18 +89,7 @@ def student(
 ) -> np.ndarray:
     """Log-density of an isotropic Student law with `TAIL` degrees of freedom.
 
-    Parameters
-    ----------
-    squared
-        Squared distance from the centre.
-    scale_squared
-        Square of the scale along each dimension.
-    dimensions
-        Of the space.
-
-    Returns
-    -------
-    Logarithm of the density, of the shape of `squared`.
+    The scale is that along each dimension.
     """
     half = 0.5 * (TAIL + dimensions)
     constant = gammaln(half) - gammaln(0.5 * TAIL)

@@ -36,12 +36,7 @@ class ShapeBelief:
 def initial_belief(
     shape: Complex[np.ndarray, " channel"], sd: Float[np.ndarray, " channel"]
 ) -> ShapeBelief:
-    """Belief from the first shape.
-
-    Returns
-    -------
-    Belief of the unit-norm shape.
-    """
+    """Belief from the first shape."""
     return ShapeBelief(shape / np.linalg.norm(shape), _variance(sd))
 
 
@@ -51,19 +46,7 @@ def predict_belief(belief: ShapeBelief, elapsed: float) -> ShapeBelief:
 
 
 def alike(belief: ShapeBelief, shape: Complex[np.ndarray, " channel"]) -> float:
-    """MAC of the believed shape and another.
-
-    Parameters
-    ----------
-    belief
-        Belief.
-    shape
-        Complex deflections.
-
-    Returns
-    -------
-    MAC, 0 to 1.
-    """
+    """MAC of the believed shape and another."""
     overlap = np.abs(np.vdot(belief.shape, shape)) / np.linalg.norm(shape)
     return float(min(overlap**2, 1.0))
 
@@ -73,15 +56,7 @@ def log_ratio(
     shape: Complex[np.ndarray, " channel"],
     sd: Float[np.ndarray, " channel"],
 ) -> float:
-    """Log-likelihood ratio of a shape: this mode against any shape.
-
-    Parameters
-    ----------
-    shape
-        Complex deflections.
-    sd
-        Standard deviations.
-    """
+    """Log-likelihood ratio of a shape: this mode against any shape."""
     n = belief.directions
     if n == 0:
         return 0.0
@@ -97,21 +72,7 @@ def update(
     shape: Complex[np.ndarray, " channel"],
     sd: Float[np.ndarray, " channel"],
 ) -> ShapeBelief:
-    """Update by a shape, rotated to the phase of the belief; outliers count less.
-
-    Parameters
-    ----------
-    belief
-        Predicted belief.
-    shape
-        Complex deflections.
-    sd
-        Standard deviations.
-
-    Returns
-    -------
-    Updated belief.
-    """
+    """Update by a shape, rotated to the phase of the belief; outliers count less."""
     n = belief.directions
     if n == 0:
         return belief

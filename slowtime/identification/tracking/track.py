@@ -130,19 +130,7 @@ class Track:
 
 
 def begin(mode: Mode, epoch: int) -> Track:
-    """Track of a new candidate.
-
-    Parameters
-    ----------
-    mode
-        First mode.
-    epoch
-        Number of the epoch.
-
-    Returns
-    -------
-    Track without an identity.
-    """
+    """Track of a new candidate."""
     shape = shapes.initial_belief(mode.shape, mode.shape_sd)
     return Track(
         identity=None,
