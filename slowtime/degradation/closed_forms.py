@@ -23,10 +23,6 @@ def wiener_first_passage(
 
     Parameters
     ----------
-    ahead
-        Times from now, in the unit of slow time.
-    distance
-        z, what is left to the threshold, in the unit of the quantity.
     drift, sigma
         :math:`\mu` towards the threshold [quantity / time], and :math:`\sigma` [quantity /
         root of time].
@@ -64,10 +60,6 @@ def gamma_first_passage(
 
     Parameters
     ----------
-    ahead
-        Times t from now, in the unit of slow time.
-    distance
-        z, what is left to the threshold, in the unit of the quantity.
     shape_rate, rate
         :math:`\alpha` [1 / time] and :math:`\beta` [1 / quantity].
 
@@ -103,18 +95,10 @@ def load_survival(
 
     Parameters
     ----------
-    ahead
-        Ascending times from now, the first of which is 0.
     event_rate
         :math:`\lambda` [1 / time], one number or one for each path.
     failure_probability
         p, that a load which comes then breaks the structure, for each path [1].
-    weights
-        Of the paths; equal by default.
-
-    Returns
-    -------
-    Probability of survival [1].
     """
     p = np.asarray(failure_probability, dtype=float)
     if ((p < 0.0) | (p > 1.0)).any():
@@ -134,17 +118,6 @@ def gamma_rate_survival(
     r"""Probability of survival under failures at a constant rate whose law is a gamma law.
 
     .. math:: S(t) = (1 + \theta t)^{-k}
-
-    Parameters
-    ----------
-    ahead
-        Times from now.
-    shape, scale
-        k [1] and :math:`\theta` [1 / time] of the rate's gamma law.
-
-    Returns
-    -------
-    Probability of survival [1].
     """
     return np.asarray((1.0 + scale * np.asarray(ahead, dtype=float)) ** -shape)
 
@@ -152,16 +125,7 @@ def gamma_rate_survival(
 def rate_given_survival(shape: float, scale: float, survived: float) -> tuple[float, float]:
     """Gamma law of a failure rate after a time without failures.
 
-    Parameters
-    ----------
-    shape, scale
-        Of the rate beforehand [1] and [1 / time].
-    survived
-        Time without a failure.
-
-    Returns
-    -------
-    Shape [1] and scale [1/time] of the law.
+    The shape is in 1, the scale in 1 / time.
     """
     return shape, scale / (1.0 + scale * survived)
 

@@ -86,11 +86,9 @@ def _places(history: History) -> Float[np.ndarray, "place 1"]:
 
 
 def _starts(curve: Curve, history: History) -> Float[np.ndarray, "start parameter"]:
-    """Give points at the periods that least squares find clearest.
-
-    The periodogram is of what is left of a parabola, in steps of a tenth of a period over the
-    history: the likelihood has a peak for each number of periods.
-    """
+    """Give points at the periods that least squares find clearest."""
+    # The periodogram is of what is left of a parabola, in steps of a tenth of a period over the
+    # history: the likelihood has a peak for each number of periods.
     age = history.age(history.time)
     fastest = min(0.4 * len(age), MOST_PERIODS)
     periods = np.arange(FEWEST_PERIODS, max(fastest, FEWEST_PERIODS + 0.2), 0.1)
@@ -147,15 +145,11 @@ class CurvePosterior:
     ----------
     curve, history
         The law, and the readings that fixed its scales.
-    sample
-        Shapes with importance weights.
     mean, covariance
         Of the linear coefficients, for each shape.
     log_likelihood, misfit
         Of each shape, over the readings so far: log density, and sum of squared innovations
         over their variances.
-    count
-        Readings so far.
     """
 
     curve: Curve
@@ -186,19 +180,8 @@ class CurvePosterior:
         return float(self.weights @ chdtrc(freedom, self.misfit))
 
     def follow(self, time: Series, value: Series, sd: Series) -> "CurvePosterior":
-        """Update the belief by further readings, at a constant cost each.
-
-        Portions do not matter: readings are taken one after another.
-
-        Parameters
-        ----------
-        time, value, sd
-            Slow time, value, and standard deviation of each reading; NaN readings are left out.
-
-        Returns
-        -------
-        Belief after the readings.
-        """
+        """Update the belief by further readings, at a constant cost each."""
+        # Portions do not matter: readings are taken one after another.
         known = np.isfinite(value) & np.isfinite(sd)
         time, value, sd = time[known], value[known], sd[known]
         if not len(time):
@@ -229,19 +212,7 @@ class CurvePosterior:
     def draw(
         self, later: Float[np.ndarray, " later"], count: int, rng: np.random.Generator
     ) -> Drawn:
-        """Sample paths at future slow times, the first of which is the last reading's.
-
-        Parameters
-        ----------
-        later
-            Slow times, ascending; the first is that of the last reading.
-        count
-            Number of paths.
-
-        Returns
-        -------
-        Paths in the unit of the readings, and the roughness of each.
-        """
+        """Sample paths at future slow times, the first of which is the last reading's."""
         owners = rng.choice(len(self.mean), size=count, p=self.weights)
         values, vectors = np.linalg.eigh(self.covariance[owners])
         shocks = rng.standard_normal((count, self.mean.shape[1]))
@@ -281,8 +252,6 @@ class _Solved:
 
     Parameters
     ----------
-    mean, information
-        Of the coefficients.
     log_likelihood, misfit
         As of `CurvePosterior`.
     """

@@ -59,65 +59,23 @@ class Curve:
 
 
 def linear(points: Points, age: np.ndarray) -> np.ndarray:
-    """Scaled age itself: a drift at a constant rate.
-
-    Parameters
-    ----------
-    points
-        Shape parameters, of which this curve has none [point, 0].
-    age
-        Scaled ages [age] or [point, age].
-
-    Returns
-    -------
-    Values of the curve [point, age].
-    """
+    """Scaled age itself: a drift at a constant rate."""
     return np.broadcast_to(age, (len(points), age.shape[-1]))
 
 
 def fade(points: Points, age: np.ndarray) -> np.ndarray:
-    """Share that remains, :math:`e^{-a s}`, with a rate that may have either sign.
-
-    Parameters
-    ----------
-    points
-        Shape parameters, standard normal a priori [point, 1].
-    age
-        Scaled ages [age] or [point, age].
-
-    Returns
-    -------
-    Values of the curve [point, age].
-    """
+    """Share that remains, :math:`e^{-a s}`, with a rate that may have either sign."""
     rate = _RATE * points[:, :1]
     return np.asarray(np.exp(np.clip(-rate * age, -60.0, 60.0)))
 
 
 def point_of_rate(rate: float) -> float:
-    """Convert a rate of `fade` to its shape parameter.
-
-    Parameters
-    ----------
-    rate
-        Rate over the history [1].
-    """
+    """Convert a rate of `fade` to its shape parameter."""
     return rate / _RATE
 
 
 def power(points: Points, age: np.ndarray) -> np.ndarray:
-    r"""Power of the scaled age, :math:`s^b` with :math:`\ln b \sim N(0, 0.6^2)`.
-
-    Parameters
-    ----------
-    points
-        Shape parameters, standard normal a priori [point, 1].
-    age
-        Scaled ages [age] or [point, age].
-
-    Returns
-    -------
-    Values of the curve [point, age].
-    """
+    r"""Power of the scaled age, :math:`s^b` with :math:`\ln b \sim N(0, 0.6^2)`."""
     exponent = np.exp(0.6 * points[:, :1])
     return np.asarray(np.maximum(age, 0.0) ** exponent)
 
@@ -127,17 +85,6 @@ def logistic(points: Points, age: np.ndarray) -> np.ndarray:
 
     A priori the rate r is about 3 over the history, within a factor of two, and the middle
     :math:`s_0` is somewhat after the last reading.
-
-    Parameters
-    ----------
-    points
-        Shape parameters, standard normal a priori [point, 2].
-    age
-        Scaled ages [age] or [point, age].
-
-    Returns
-    -------
-    Values of the curve [point, age].
     """
     rate = 3.0 * np.exp(0.7 * points[:, :1])
     middle = 1.5 * np.exp(0.6 * points[:, 1:2])
@@ -153,17 +100,6 @@ def crack(points: Points, age: np.ndarray) -> np.ndarray:
     with :math:`\alpha` the crack over the depth. The cracked member gives in as
     :math:`1 - 1 / (1 + \kappa V(\alpha))` with V the flexibility of a single edge crack in
     bending. Beyond :math:`\alpha = 0.95` the member has broken.
-
-    Parameters
-    ----------
-    points
-        Shape parameters, standard normal a priori [point, 4].
-    age
-        Scaled ages [age] or [point, age].
-
-    Returns
-    -------
-    Values of the curve [point, age].
 
     References
     ----------
@@ -184,15 +120,6 @@ def crack(points: Points, age: np.ndarray) -> np.ndarray:
 def edge_flexibility(depth: np.ndarray) -> np.ndarray:
     """Flexibility of a single edge crack in pure bending.
 
-    Parameters
-    ----------
-    depth
-        Length of the crack over the depth of the member [1].
-
-    Returns
-    -------
-    Flexibility, up to a constant factor [1].
-
     References
     ----------
     .. [1] H. Tada, P. C. Paris and G. R. Irwin, "The Stress Analysis of Cracks Handbook",
@@ -205,16 +132,7 @@ def edge_flexibility(depth: np.ndarray) -> np.ndarray:
 def exponential(points: Points, age: np.ndarray) -> np.ndarray:
     r"""Exponential growth, :math:`(e^{r s} - 1) / r`, which saturates where r < 0.
 
-    Parameters
-    ----------
-    points
-        Shape parameters, standard normal a priori [point, 1]; r is three times as large.
-    age
-        Scaled ages [age] or [point, age].
-
-    Returns
-    -------
-    Values of the curve [point, age].
+    A priori r has a standard deviation of 3.
     """
     rate = 3.0 * points[:, :1]
     rate = np.where(np.abs(rate) < 1e-6, 1e-6, rate)
@@ -228,17 +146,6 @@ def runaway(points: Points, age: np.ndarray) -> np.ndarray:
     as it was shortly before. A priori the end :math:`s_f` is 1.6 histories after the start,
     within 1.06 and 7 with 95 %, and q is 1, within a factor of three.
 
-    Parameters
-    ----------
-    points
-        Shape parameters, standard normal a priori [point, 2].
-    age
-        Scaled ages [age] or [point, age].
-
-    Returns
-    -------
-    Values of the curve [point, age].
-
     References
     ----------
     .. [1] B. Voight, "A relation to describe rate-dependent material failure", Science 243
@@ -250,30 +157,13 @@ def runaway(points: Points, age: np.ndarray) -> np.ndarray:
 
 
 def periods_of(point: np.ndarray) -> np.ndarray:
-    """Convert to the number of periods of a wave in the history.
-
-    A priori it is between 0.4 and 40 with 95 %.
-
-    Parameters
-    ----------
-    point
-        Shape parameter, standard normal a priori.
-
-    Returns
-    -------
-    Periods from age 0 to 1.
-    """
+    """Convert to the number of periods of a wave in the history."""
+    # A priori it is between 0.4 and 40 with 95 %.
     return np.asarray(_PERIODS * np.exp(_PERIODS_WIDTH * point))
 
 
 def points_of_periods(periods: np.ndarray) -> np.ndarray:
-    """Shape parameters of numbers of periods: the inverse of `periods_of`.
-
-    Parameters
-    ----------
-    periods
-        Periods from age 0 to 1.
-    """
+    """Shape parameters of numbers of periods: the inverse of `periods_of`."""
     return np.asarray(np.log(periods / _PERIODS) / _PERIODS_WIDTH)
 
 
@@ -293,19 +183,7 @@ STEPPED = Curve("stepped line", linear, ("place",), broken="step")
 def columns(curve: Curve, points: Points, age: np.ndarray) -> np.ndarray:
     """Columns of the linear coefficients of a curve: level, scaled growth, and what is beside.
 
-    Parameters
-    ----------
-    curve
-        The law.
-    points
-        Shape parameters.
-    age
-        Scaled ages [age] or [point, age].
-
-    Returns
-    -------
-    Columns [point, age, column]. Where the curve fades, the first two are the remaining share
-    and a constant.
+    Where the curve fades, the first two are the remaining share and a constant.
     """
     grown = curve.shape(points, age)
     if curve.fades:

@@ -67,10 +67,6 @@ class Direction:
         Logarithms of r [reading / time] and theta [reading], with importance weights.
     low, cell
         Lower end of the grid of the level times sign, and the width of a cell.
-    time
-        Slow time of the last reading.
-    density
-        Probability of each cell, for each point.
     log_likelihood, misfit, count
         As for `curve_posterior.CurvePosterior`.
     """
@@ -115,36 +111,14 @@ class GammaPosterior:
         return np.asarray(weight / weight.sum())
 
     def follow(self, time: Series, value: Series, sd: Series) -> "GammaPosterior":
-        """Update the belief by further readings, at a constant cost each.
-
-        Parameters
-        ----------
-        time, value, sd
-            Slow time, value, and standard deviation of each reading; NaN readings are left out.
-
-        Returns
-        -------
-        Belief after the readings.
-        """
+        """Update the belief by further readings, at a constant cost each."""
         parts = tuple(_followed(self.history, one, time, value, sd) for one in self.parts)
         return dataclasses.replace(self, parts=parts)
 
     def draw(
         self, later: Float[np.ndarray, " later"], count: int, rng: np.random.Generator
     ) -> Drawn:
-        """Sample paths at future slow times, the first of which is the last reading's.
-
-        Parameters
-        ----------
-        later
-            Slow times, ascending; the first is that of the last reading.
-        count
-            Number of paths.
-
-        Returns
-        -------
-        Paths in the unit of the readings, and the roughness of each.
-        """
+        """Sample paths at future slow times, the first of which is the last reading's."""
         owners = rng.choice(len(weight := self._weights()), size=count, p=weight)
         density = np.concatenate([one.density for one in self.parts])[owners]
         sizes = [len(one.sample.points) for one in self.parts]

@@ -59,19 +59,8 @@ class GaussianPosterior:
     p_value: float
 
     def follow(self, time: Series, value: Series, sd: Series) -> "GaussianPosterior":
-        """Update the belief by further readings, at a constant cost each.
-
-        The evidence grows by what the members predicted together.
-
-        Parameters
-        ----------
-        time, value, sd
-            Slow time, value, and standard deviation of each reading; NaN readings are left out.
-
-        Returns
-        -------
-        Belief after the readings.
-        """
+        """Update the belief by further readings, at a constant cost each."""
+        # The evidence grows by what the members predicted together.
         gained = self.log_evidence
         begun = self.begun
         for i in range(len(time)):
@@ -90,19 +79,7 @@ class GaussianPosterior:
     def draw(
         self, later: Float[np.ndarray, " later"], count: int, rng: np.random.Generator
     ) -> Drawn:
-        """Sample paths at future slow times, the first of which is the last reading's.
-
-        Parameters
-        ----------
-        later
-            Slow times, ascending; the first is that of the last reading.
-        count
-            Number of paths.
-
-        Returns
-        -------
-        Paths in the unit of the readings, and the roughness of each.
-        """
+        """Sample paths at future slow times, the first of which is the last reading's."""
         if not count:
             return Drawn(np.zeros((0, len(later))), np.zeros(0))
         seed = int(rng.integers(2**31))

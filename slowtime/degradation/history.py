@@ -52,8 +52,6 @@ class History:
 
     Parameters
     ----------
-    time, value, sd
-        Slow time, value, and known standard deviation of each reading.
     events
         Known jumps and repairs, in ascending order of time.
     origin
@@ -74,17 +72,7 @@ class History:
     scatter: float
 
     def age(self, time: Float[np.ndarray, " any"]) -> Float[np.ndarray, " any"]:
-        """Virtual age at slow times, relative to the span.
-
-        Parameters
-        ----------
-        time
-            Slow times.
-
-        Returns
-        -------
-        Ages [1].
-        """
+        """Virtual age at slow times, relative to the span."""
         age = time - self.origin
         removed = 0.0
         for event in self.events:
@@ -94,17 +82,7 @@ class History:
         return np.asarray(age / self.span)
 
     def steps(self, time: Float[np.ndarray, " any"]) -> Float[np.ndarray, "any step"]:
-        """Step functions of the events that shift the level: 0 before an event and 1 after it.
-
-        Parameters
-        ----------
-        time
-            Slow times.
-
-        Returns
-        -------
-        One column for each event that shifts the level.
-        """
+        """Step functions of events that shift the level: 0 before an event and 1 after it."""
         places = [event.time for event in self.events if event.sd > 0.0]
         return np.asarray(time[:, None] > np.array(places), dtype=float)
 
@@ -142,23 +120,9 @@ def history_of(
 ) -> History:
     """Sort the usable readings by time, and compute their scales.
 
-    Parameters
-    ----------
-    time, value, sd
-        Readings in any order; entries that are not finite are missing.
-    events
-        Known jumps and repairs.
-    origin
-        Slow time at which the age is zero; by default that of the first reading.
-
-    Returns
-    -------
-    The readings in ascending order of time, with their scales.
-
-    Raises
-    ------
-    ValueError
-        Where fewer than `FEWEST` readings are left, or all are at one time.
+    Entries that are not finite are missing. The age is zero at `origin`, by default the first
+    reading. Raises `ValueError` where fewer than `FEWEST` readings are left, or all are at one
+    time.
     """
     usable = np.isfinite(time) & np.isfinite(value) & np.isfinite(sd) & (sd >= 0.0)
     order = np.argsort(time[usable], kind="stable")

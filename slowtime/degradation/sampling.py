@@ -66,10 +66,6 @@ def importance_sample(
         Points [point, parameter] to logarithms of densities.
     first, log_first
         Standard normal points to points of the first proposal, and its log density.
-    dimensions
-        Number of parameters.
-    points, rounds
-        Points of each proposal, and how many proposals follow the first.
     starts
         Points near which the posterior may be greatest, where they are known.
 
@@ -114,13 +110,7 @@ def _defined(
 
 
 def normal_log_density(points: np.ndarray) -> Float[np.ndarray, " point"]:
-    """Logarithm of the standard normal density.
-
-    Parameters
-    ----------
-    points
-        Points [point, parameter].
-    """
+    """Logarithm of the standard normal density."""
     size = points.shape[1]
     return np.asarray(-0.5 * np.sum(points**2, axis=1) - 0.5 * size * np.log(2.0 * np.pi))
 

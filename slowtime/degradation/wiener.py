@@ -91,15 +91,9 @@ class WienerPosterior:
 
     Parameters
     ----------
-    history
-        The readings that fixed the scales.
-    name
-        Of the law.
     sigma, around, memory
         Of each node: sigma [reading / root of time], and s and tau, which are zero and infinite
         where nothing reverts.
-    log_prior
-        Log prior probability of each node.
     belief
         Of level, drift, and distance from the level, for each node.
     log_likelihood, misfit, count
@@ -135,17 +129,7 @@ class WienerPosterior:
         return float(self.weights @ chdtrc(max(self.count - 2, 1), self.misfit))
 
     def follow(self, time: Series, value: Series, sd: Series) -> "WienerPosterior":
-        """Update the belief by further readings, at a constant cost each.
-
-        Parameters
-        ----------
-        time, value, sd
-            Slow time, value, and standard deviation of each reading; NaN readings are left out.
-
-        Returns
-        -------
-        Belief after the readings.
-        """
+        """Update the belief by further readings, at a constant cost each."""
         known = np.isfinite(value) & np.isfinite(sd)
         time, value = time[known], value[known]
         sd = np.maximum(sd[known], 1e-6 * self.history.scatter)
@@ -204,19 +188,7 @@ class WienerPosterior:
     def draw(
         self, later: Float[np.ndarray, " later"], count: int, rng: np.random.Generator
     ) -> Drawn:
-        """Sample paths at future slow times, the first of which is the last reading's.
-
-        Parameters
-        ----------
-        later
-            Slow times, ascending; the first is that of the last reading.
-        count
-            Number of paths.
-
-        Returns
-        -------
-        Paths in the unit of the readings, and the roughness of each.
-        """
+        """Sample paths at future slow times, the first of which is the last reading's."""
         owners = rng.choice(len(self.sigma), size=count, p=self.weights)
         values, vectors = np.linalg.eigh(self.belief.covariance[owners])
         shocks = np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal((count, 3))

@@ -37,12 +37,6 @@ def chain(
     rayleigh
         :math:`a_0` [1/s] and :math:`a_1` [s] of :math:`C = a_0 M + a_1 K`, added to the above
         as dampers to the base and beside the springs.
-    name, node, spring
-        Of the description, and what its nodes and springs are called before their number.
-
-    Returns
-    -------
-    Description of the structure.
 
     Examples
     --------
@@ -96,22 +90,8 @@ def shear_frame(
     Stiffness and damping of a storey are those against sway, all its columns together:
     12 E I / h^3 for each that is clamped at both ends.
 
-    Parameters
-    ----------
-    floors_kg
-        Mass of each floor [kg].
-    storeys_n_per_m
-        Stiffness of each storey [N/m].
-    dampings_n_s_per_m
-        Damping of each storey [N s/m].
-    rayleigh
-        Coefficients of M [1/s] and K [s].
-    name
-        Name of the structure.
-
-    Returns
-    -------
-    Description.
+    Masses are in kg, stiffnesses in N/m, dampings in N s/m; `rayleigh` are the coefficients of
+    M [1/s] and K [s].
     """
     if len(floors_kg) != len(storeys_n_per_m):
         raise ValueError(
@@ -144,14 +124,6 @@ def beam(
 
     Parameters
     ----------
-    length_m
-        Length [m].
-    bending_stiffness_n_m2
-        Bending stiffness EI [N m^2].
-    mass_kg_per_m
-        Mass per length [kg/m].
-    elements
-        Number of elements.
     supports
         ``"cantilever"``: clamped at its start; ``"simply supported"``: pinned at both ends;
         ``"clamped"`` at both ends; ``"propped"``: clamped at its start and pinned at its end;
@@ -160,12 +132,6 @@ def beam(
         Kelvin–Voigt, see `parts.Beam`.
     tip_mass_kg
         At the far end.
-    name
-        Name of the structure.
-
-    Returns
-    -------
-    Description of the structure.
     """
     if supports not in SUPPORTS:
         raise ValueError(f"{supports=} is not known. Allowed: {', '.join(SUPPORTS)}.")
@@ -218,12 +184,6 @@ def of_matrices(
     coordinates
         Name of each coordinate, a displacement relative to the base; ``x1``, ``x2`` … where
         not given.
-    name
-        Of the description.
-
-    Returns
-    -------
-    Description with an accelerometer on each coordinate.
 
     Raises
     ------

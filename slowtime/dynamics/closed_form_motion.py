@@ -29,17 +29,6 @@ def free_motion(
 ) -> tuple[Motion, Motion]:
     """Displacement [m] and velocity [m/s] after release at time zero.
 
-    Parameters
-    ----------
-    times
-        Since the release, not negative [s].
-    displacement, velocity
-        At the release [m], [m/s].
-
-    Returns
-    -------
-    Displacement [m] and velocity [m/s].
-
     Examples
     --------
     >>> pair = np.array([[2.0, -1.0], [-1.0, 2.0]])
@@ -64,18 +53,7 @@ def free_motion(
 def step_motion(structure: Structure, times: Times, force: State) -> tuple[Motion, Motion]:
     """Response from rest to a constant force that is applied at time zero.
 
-    Parameters
-    ----------
-    structure
-        Mass, damping and stiffness matrices [kg, N s/m, N/m].
-    times
-        Times, ascending from 0 [s].
-    force
-        Force on each degree of freedom [N].
-
-    Returns
-    -------
-    Displacement [m] and velocity [m/s].
+    Gives displacement [m] and velocity [m/s] at times that ascend from 0.
     """
     try:
         static = scipy.linalg.solve(structure.stiffness, force, assume_a="sym")
@@ -96,20 +74,7 @@ def pulse_motion(
     The difference of two steps. The book's form of it (eq. 3.186 to 3.188) holds after the end
     of the pulse only, and overflows for a long one.
 
-    Parameters
-    ----------
-    structure
-        Mass, damping and stiffness matrices [kg, N s/m, N/m].
-    times
-        Times, ascending from 0 [s].
-    force
-        Force on each degree of freedom [N].
-    duration_s
-        Duration [s].
-
-    Returns
-    -------
-    Displacement [m] and velocity [m/s].
+    Gives displacement [m] and velocity [m/s] at times that ascend from 0.
     """
     displacement, velocity = step_motion(structure, times, force)
     after = times > duration_s

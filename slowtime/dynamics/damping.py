@@ -27,14 +27,7 @@ def non_proportionality(structure: Structure) -> float:
 
     Real modes exist exactly where :math:`C M^{-1} K = K M^{-1} C`.
 
-    Parameters
-    ----------
-    structure
-        Mass, damping and stiffness matrices [kg, N s/m, N/m].
-
-    Returns
-    -------
-    Deviation [1]; 0 for proportional damping.
+    It is 0 for proportional damping.
 
     Examples
     --------
@@ -51,17 +44,7 @@ def non_proportionality(structure: Structure) -> float:
 
 
 def is_proportional(structure: Structure) -> bool:
-    """Whether damping leaves the undamped modes uncoupled (Caughey and O'Kelly).
-
-    Parameters
-    ----------
-    structure
-        Mass, damping and stiffness matrices [kg, N s/m, N/m].
-
-    Returns
-    -------
-    True up to rounding.
-    """
+    """Whether damping leaves the undamped modes uncoupled (Caughey and O'Kelly)."""
     return non_proportionality(structure) < COMMUTING
 
 
@@ -71,17 +54,6 @@ def rayleigh_coefficients(
     r"""Coefficients of :math:`C = a_0 M + a_1 K` that give two modes their damping ratios.
 
     .. math:: \zeta_j = \tfrac12 (a_0 / \omega_j + a_1 \omega_j)
-
-    Parameters
-    ----------
-    frequencies
-        Of the two modes [rad/s].
-    damping_ratios
-        Of the two modes [1].
-
-    Returns
-    -------
-    Coefficients :math:`a_0` [1/s] and :math:`a_1` [s].
 
     Examples
     --------
@@ -102,15 +74,6 @@ def modal_damping(mass: Square, stiffness: Square, damping_ratios: Series | floa
     r"""Damping matrix that gives each undamped mode its damping ratio [N s/m].
 
     .. math:: C = M X \operatorname{diag}(2 \zeta_j \omega_j) X^T M
-
-    Parameters
-    ----------
-    mass
-        Mass matrix [kg].
-    stiffness
-        Stiffness matrix [N/m].
-    damping_ratios
-        Damping ratios, lowest mode first [1].
     """
     squares, shapes = scipy.linalg.eigh(stiffness, mass)
     omega = np.sqrt(np.maximum(squares, 0.0))

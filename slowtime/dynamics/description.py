@@ -128,8 +128,6 @@ class Parts:
 
     Parameters
     ----------
-    names
-        Of the degrees of freedom.
     mass_parts
         By node, and by beam for the mass spread along it.
     damping_parts, stiffness_parts
@@ -143,17 +141,7 @@ class Parts:
 
 
 def assemble(description: Description) -> Structure:
-    """Matrices of a description, in coordinates relative to the base.
-
-    Parameters
-    ----------
-    description
-        Structure in terms of nodes and elements.
-
-    Returns
-    -------
-    Mass, damping and stiffness matrices.
-    """
+    """Matrices of a description, in coordinates relative to the base."""
     free = len(description.dofs)
     whole = {what: np.zeros((free + 1, free + 1)) for what in ("mass", "damping", "stiffness")}
     for what, _, matrix in _contributions(description):
@@ -169,17 +157,7 @@ def assemble(description: Description) -> Structure:
 
 
 def assemble_parts(description: Description) -> Parts:
-    """Matrices of each node and element of a description by itself.
-
-    Parameters
-    ----------
-    description
-        Structure in terms of nodes and elements.
-
-    Returns
-    -------
-    Matrices by node and element.
-    """
+    """Matrices of each node and element of a description by itself."""
     parts: dict[str, dict[str, Square]] = {"mass": {}, "damping": {}, "stiffness": {}}
     for what, name, matrix in _contributions(description):
         if matrix[:-1, :-1].any():
@@ -221,17 +199,7 @@ def moves_with_base(description: Description) -> bool:
 
 
 def places(description: Description) -> dict[str, int | None]:
-    """Row of each coordinate: the base's row for those held to it, None where held at zero.
-
-    Parameters
-    ----------
-    description
-        Structure in terms of nodes and elements.
-
-    Returns
-    -------
-    Row by coordinate name.
-    """
+    """Row of each coordinate: the base's row for those held to it, None where held at zero."""
     base = len(description.dofs)
     place: dict[str, int | None] = {BASE: base, BASE + ROTATION: None}
     place |= {support.id: base for support in description.supports}
@@ -248,20 +216,7 @@ def spread(
 ) -> Float[np.ndarray, "all all"]:
     """Expand a part's own matrix to the coordinates of the whole structure.
 
-    Parameters
-    ----------
-    matrix
-        Matrix over the part's coordinates, in SI units.
-    names
-        Names of these coordinates, in the order of the rows.
-    place
-        Name of each coordinate → its row in the whole; None for one that is left out.
-    size
-        Number of coordinates of the whole.
-
-    Returns
-    -------
-    Matrix over all coordinates, in the unit of `matrix`.
+    `place` gives the row of each coordinate in the whole; None for one that is left out.
     """
     rows = [place[name] for name in names]
     to = np.zeros((len(rows), size))

@@ -22,8 +22,6 @@ class Node:
 
     Parameters
     ----------
-    id
-        Unique among the nodes.
     mass_kg
         Concentrated here; a point must have one, a node of a beam may.
     kind
@@ -56,8 +54,6 @@ class Spring:
 
     Parameters
     ----------
-    id
-        Unique among the elements.
     between
         First node, second node; `BASE` for the ground.
     stiffness_n_per_m, damping_n_s_per_m
@@ -108,8 +104,6 @@ class Beam:
 
     Parameters
     ----------
-    id
-        Unique among the elements.
     between
         First node, second node; `BASE` clamps that end.
     length_m
@@ -172,8 +166,6 @@ class Matrix:
 
     Parameters
     ----------
-    id
-        Unique among the elements.
     coordinates
         Names of the coordinates: nodes, or nodes and `ROTATION`.
     stiffness_terms, mass_terms, damping_terms
@@ -230,14 +222,7 @@ class Matrix:
 def packed(matrix: Float[np.ndarray, "own own"]) -> bytes:
     """Lower triangle of a symmetric matrix as bytes; none of a matrix of zeros.
 
-    Parameters
-    ----------
-    matrix
-        The matrix.
-
-    Returns
-    -------
-    The terms for a `Matrix`.
+    The terms are those of a `Matrix`.
     """
     if not matrix.any():
         return b""

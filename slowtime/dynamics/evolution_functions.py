@@ -25,10 +25,6 @@ def stiffness_change(
     rate, ripple, ripple_rate
         :math:`\alpha_k`, :math:`\epsilon_k`, :math:`\beta_k`, the rates per period [1].
 
-    Returns
-    -------
-    :math:`\Delta_k` [1], zero at the start.
-
     Examples
     --------
     >>> stiffness_change(np.array([0.0, 1000.0])).round(4)
@@ -53,10 +49,6 @@ def mass_change(
     amplitude, rate
         :math:`\epsilon_m` [1] and :math:`\beta_m` per period [1]; a tooth lasts
         :math:`2 \pi / \beta_m` periods, and fewer than two readings a tooth alias it.
-
-    Returns
-    -------
-    :math:`\Delta_m` [1], between ``-amplitude`` and ``amplitude``, zero at the start.
 
     Examples
     --------

@@ -11,17 +11,6 @@ Series = Float[np.ndarray, " time"]
 def instants(duration_s: float, rate_hz: float) -> Series:
     """Compute the times of the samples, the first at 0.
 
-    Parameters
-    ----------
-    duration_s
-        Duration [s].
-    rate_hz
-        Sampling rate [Hz].
-
-    Returns
-    -------
-    Times [s].
-
     Examples
     --------
     >>> instants(1.0, 4.0)
@@ -40,21 +29,6 @@ def harmonic(
 ) -> Series:
     r"""Compute :math:`A \cos(2 \pi f t + \varphi)`.
 
-    Parameters
-    ----------
-    times
-        Times, ascending from 0 [s].
-    amplitude
-        Amplitude, in the unit of the load.
-    frequency_hz
-        Frequency [Hz].
-    phase_deg
-        Phase [deg].
-
-    Returns
-    -------
-    Load at each time.
-
     Examples
     --------
     >>> harmonic(np.array([0.0, 0.5]), 2.0, 1.0)
@@ -66,19 +40,6 @@ def harmonic(
 
 def step(times: Series, amplitude: float, at_s: float = 0.0) -> Series:
     """Load that is 0 before `at_s` and `amplitude` from then on.
-
-    Parameters
-    ----------
-    times
-        Times, ascending from 0 [s].
-    amplitude
-        Amplitude, in the unit of the load.
-    at_s
-        Time of the step [s].
-
-    Returns
-    -------
-    Load at each time.
 
     Examples
     --------
@@ -93,20 +54,7 @@ def white(times: Series, psd: float, rate_hz: float, rng: np.random.Generator) -
 
     Its variance is :math:`S f_s / 2`.
 
-    Parameters
-    ----------
-    times
-        Times, ascending from 0 [s].
-    psd
-        One-sided density [unit^2/Hz].
-    rate_hz
-        Sampling rate [Hz].
-    rng
-        Generator.
-
-    Returns
-    -------
-    Load at each time.
+    Its density `psd` is one-sided [unit^2/Hz].
 
     Examples
     --------

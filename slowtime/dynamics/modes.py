@@ -28,15 +28,7 @@ class DefectiveModesError(ValueError):
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Modes:
-    r"""Undamped modes, ascending, mass-normalised: :math:`x_j^T M x_l = \delta_{jl}`.
-
-    Parameters
-    ----------
-    angular_frequency
-        :math:`\omega_j` [rad/s]; 0 for a rigid-body motion.
-    shapes
-        :math:`x_j`, the component of largest size positive.
-    """
+    r"""Undamped modes, ascending, mass-normalised: :math:`x_j^T M x_l = \delta_{jl}`."""
 
     angular_frequency: Float[np.ndarray, " mode"]
     shapes: Float[np.ndarray, "dof mode"]
@@ -111,19 +103,8 @@ class ComplexModes:
 def undamped_modes(structure: Structure) -> Modes:
     """Natural frequencies and mode shapes without damping (eq. 3.55).
 
-    Parameters
-    ----------
-    structure
-        Mass, damping and stiffness matrices [kg, N s/m, N/m].
-
-    Returns
-    -------
-    Angular frequencies [rad/s], ascending, and mass-normalised shapes.
-
-    Raises
-    ------
-    ValueError
-        If the structure is statically unstable.
+    Angular frequencies are in rad/s, ascending; shapes are mass-normalised. Raises `ValueError`
+    if the structure is statically unstable.
 
     Examples
     --------
@@ -150,15 +131,6 @@ def complex_modes(structure: Structure) -> ComplexModes:
     frequencies do no harm. All are checked by an identity over the 2 N motions,
 
     .. math:: \sum_j s_j z_j z_j^T / \gamma_j = M^{-1} .
-
-    Parameters
-    ----------
-    structure
-        Mass, damping and stiffness matrices [kg, N s/m, N/m].
-
-    Returns
-    -------
-    Poles [rad/s] and complex shapes.
 
     Raises
     ------

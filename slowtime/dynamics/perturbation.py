@@ -16,34 +16,12 @@ Shapes = Complex[np.ndarray, "dof mode"]
 
 
 def modal_damping_matrix(structure: Structure, modes: Modes) -> Float[np.ndarray, "mode mode"]:
-    """Compute :math:`C' = X^T C X`.
-
-    Parameters
-    ----------
-    structure
-        Mass, damping and stiffness matrices [kg, N s/m, N/m].
-    modes
-        Undamped modes, mass-normalised.
-
-    Returns
-    -------
-    Modal damping matrix [1/s].
-    """
+    """Compute :math:`C' = X^T C X`."""
     return np.asarray(modes.shapes.T @ structure.damping @ modes.shapes)
 
 
 def light_frequencies(structure: Structure) -> Frequencies:
-    r"""Complex frequencies :math:`\omega_j + i C'_{jj} / 2` (eq. 3.217) [rad/s].
-
-    Parameters
-    ----------
-    structure
-        Mass, damping and stiffness matrices [kg, N s/m, N/m].
-
-    Returns
-    -------
-    Complex frequency of each mode.
-    """
+    r"""Complex frequencies :math:`\omega_j + i C'_{jj} / 2` (eq. 3.217) [rad/s]."""
     modes = undamped_modes(structure)
     return modes.angular_frequency + 0.5j * np.diag(modal_damping_matrix(structure, modes))
 
@@ -54,15 +32,6 @@ def uncoupled_frequencies(structure: Structure) -> Frequencies:
     .. math:: \lambda_j \approx i C'_{jj} / 2 + \sqrt{\omega_j^2 - C'^2_{jj} / 4}
 
     The root of eq. 3.216 before it is expanded; of eq. 3.217 to first order in the damping.
-
-    Parameters
-    ----------
-    structure
-        Mass, damping and stiffness matrices [kg, N s/m, N/m].
-
-    Returns
-    -------
-    Complex frequency of each mode [rad/s].
     """
     modes = undamped_modes(structure)
     half = np.diag(modal_damping_matrix(structure, modes)) / 2
@@ -76,15 +45,6 @@ def light_shapes(structure: Structure) -> Shapes:
         \sum_{k \ne j} \frac{i \omega_j C'_{kj}}{\omega_j^2 - \omega_k^2} x_k
 
     Of no use where two frequencies are close.
-
-    Parameters
-    ----------
-    structure
-        Mass, damping and stiffness matrices [kg, N s/m, N/m].
-
-    Returns
-    -------
-    Complex shapes, one column per mode.
     """
     modes = undamped_modes(structure)
     omega = modes.angular_frequency
@@ -98,17 +58,6 @@ def coupled_shapes(structure: Structure, frequencies: Frequencies | None = None)
 
     .. math:: z_j \approx x_j - \sum_{k \ne j}
         \frac{i \lambda_j C'_{kj}}{\omega_k^2 - \lambda_j^2 + i \lambda_j C'_{kk}} x_k
-
-    Parameters
-    ----------
-    structure
-        Structure with its matrices.
-    frequencies
-        :math:`\lambda_j`; those of eq. 3.217 where not given.
-
-    Returns
-    -------
-    Complex shapes, one column each.
     """
     modes = undamped_modes(structure)
     coupling = modal_damping_matrix(structure, modes)
@@ -127,17 +76,6 @@ def factored_shapes(structure: Structure, frequencies: Frequencies | None = None
     The print has :math:`\lambda_j - \lambda_k^*`: but the roots of
     :math:`\lambda^2 - i \lambda C'_{kk} - \omega_k^2` are :math:`\lambda_k` and
     :math:`-\lambda_k^*`, and only with them do the numbers of eq. 3.226 come out.
-
-    Parameters
-    ----------
-    structure
-        Structure with its matrices.
-    frequencies
-        :math:`\lambda_j` [rad/s]; those of eq. 3.217 where not given.
-
-    Returns
-    -------
-    Complex shapes, one column each.
     """
     modes = undamped_modes(structure)
     coupling = modal_damping_matrix(structure, modes)

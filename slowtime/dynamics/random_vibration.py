@@ -28,13 +28,7 @@ class Shaping:
     output_vector: Float[np.ndarray, " state"]
 
     def density(self, frequency_hz: Frequencies) -> Frequencies:
-        """Gain of the filter in a spectral density [1].
-
-        Parameters
-        ----------
-        frequency_hz
-            Frequencies [Hz].
-        """
+        """Gain of the filter in a spectral density [1]."""
         s = 2j * np.pi * frequency_hz[:, None, None]
         inner = s * np.eye(len(self.state_matrix)) - self.state_matrix
         gain = self.output_vector @ np.linalg.inv(inner) @ self.input_vector
@@ -42,13 +36,7 @@ class Shaping:
 
 
 def low_pass(corner_hz: float) -> Shaping:
-    r"""First-order low-pass filter (Ornstein–Uhlenbeck), :math:`1 / (1 + (f / f_c)^2)`.
-
-    Parameters
-    ----------
-    corner_hz
-        Corner frequency :math:`f_c` [Hz].
-    """
+    r"""First-order low-pass filter (Ornstein–Uhlenbeck), :math:`1 / (1 + (f / f_c)^2)`."""
     corner = 2 * math.pi * corner_hz
     return Shaping(np.array([[-corner]]), np.array([corner]), np.array([1.0]))
 
@@ -57,17 +45,6 @@ def kanai_tajimi(frequency_hz: float, damping_ratio: float) -> Shaping:
     r"""Kanai–Tajimi filter of ground motion.
 
     .. math:: \frac{1 + (2 \zeta r)^2}{(1 - r^2)^2 + (2 \zeta r)^2}, \qquad r = f / f_g
-
-    Parameters
-    ----------
-    frequency_hz
-        Natural frequency of the soil layer [Hz].
-    damping_ratio
-        Its damping ratio [1].
-
-    Returns
-    -------
-    Filter.
     """
     omega = 2 * math.pi * frequency_hz
     return Shaping(

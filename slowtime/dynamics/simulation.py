@@ -41,18 +41,12 @@ def simulate_structure(
     ----------
     force
         One row a sample [N]; of base motion, `Structure.base_force`.
-    rate_hz
-        Samples per second.
     q0, v0
         Displacement and velocity at the first sample; at rest where not given. Those of the
         last sample continue the run, with that sample's force given once more.
     hold
         ``"zero"``: the force keeps its value until the next sample; ``"first"``: it goes
         straight to the next value.
-
-    Returns
-    -------
-    Displacement [m], velocity [m/s], acceleration [m/s^2].
 
     Examples
     --------
@@ -102,10 +96,6 @@ def ambient_structure(
 
     Parameters
     ----------
-    samples, rate_hz
-        Length and rate of the record.
-    rng
-        Where all randomness comes from.
     force_psd
         One-sided [N^2/Hz]: the same for every translation, each degree of freedom's own, or the
         matrix of forces that go together.
@@ -113,10 +103,6 @@ def ambient_structure(
         Degrees of freedom that are listened to, by name; all where not given.
     quantity
         Relative to a base that stands still.
-
-    Returns
-    -------
-    Record of the channels, in SI units of the quantity.
     """
     if samples < 1:
         raise ValueError(f"{samples=} is not a valid number of samples. Give 1 or more.")
@@ -148,17 +134,7 @@ def force_density(
 ) -> Float[np.ndarray, "dof dof"]:
     """Matrix of a force density.
 
-    Parameters
-    ----------
-    structure
-        Mass, damping and stiffness matrices [kg, N s/m, N/m].
-    force_psd
-        One-sided density of the force [N^2/Hz]: one number, one per degree of freedom, or a
-        matrix.
-
-    Returns
-    -------
-    One-sided density matrix [N^2/Hz].
+    It is given by one number, one per degree of freedom, or a matrix.
     """
     density = np.asarray(force_psd, dtype=float)
     if density.ndim == 0:
@@ -175,17 +151,7 @@ def force_density(
 
 
 def density_root(density: Float[np.ndarray, "dof dof"]) -> Float[np.ndarray, "dof source"]:
-    """Factor :math:`L` of :math:`S = L L^T`, one column an independent source.
-
-    Parameters
-    ----------
-    density
-        Density matrix.
-
-    Returns
-    -------
-    :math:`L`, one column per independent source.
-    """
+    """Factor :math:`L` of :math:`S = L L^T`, one column an independent source."""
     values, vectors = scipy.linalg.eigh(density)
     largest = values.max(initial=0.0)
     if values.min(initial=0.0) < -1e-9 * largest or not largest > 0:

@@ -73,17 +73,7 @@ class Structure:
         return len(self.mass)
 
     def dof(self, name: str) -> int:
-        """Index of a degree of freedom.
-
-        Parameters
-        ----------
-        name
-            Name of the degree of freedom.
-
-        Returns
-        -------
-        Index.
-        """
+        """Index of a degree of freedom."""
         if name not in self.names:
             raise ValueError(
                 f"No degree of freedom is called {name!r}. There are: {', '.join(self.names)}."
@@ -93,17 +83,7 @@ class Structure:
     def base_force(
         self, acceleration: Float[np.ndarray, " time"]
     ) -> Float[np.ndarray, "time dof"]:
-        r"""Force equivalent to a base acceleration, :math:`-(M \iota + m_b) \, a_b`.
-
-        Parameters
-        ----------
-        acceleration
-            Base acceleration [m/s^2].
-
-        Returns
-        -------
-        Force on each degree of freedom [N].
-        """
+        r"""Force equivalent to a base acceleration, :math:`-(M \iota + m_b) \, a_b`."""
         if self.influence is None:
             raise ValueError(
                 "This structure does not say what base motion does to it. Give `influence`: 1 "
@@ -116,13 +96,7 @@ class Structure:
 
 
 def state_matrix(structure: Structure) -> Float[np.ndarray, "state state"]:
-    r"""Matrix :math:`A` of :math:`\dot x = A x + (0, M^{-1} f)`, :math:`x = (q, \dot q)`.
-
-    Parameters
-    ----------
-    structure
-        Mass, damping and stiffness matrices [kg, N s/m, N/m].
-    """
+    r"""Matrix :math:`A` of :math:`\dot x = A x + (0, M^{-1} f)`, :math:`x = (q, \dot q)`."""
     dofs = structure.dofs
     factor = scipy.linalg.cho_factor(structure.mass)
     below = np.hstack([structure.stiffness, structure.damping])

@@ -14,17 +14,6 @@ QUANTITIES = ("displacement", "velocity", "acceleration")
 def transfer_function(structure: Structure, s: Laplace) -> Transfer:
     """Displacement per force at points of the Laplace plane.
 
-    Parameters
-    ----------
-    structure
-        Mass, damping and stiffness matrices [kg, N s/m, N/m].
-    s
-        Points [1/s].
-
-    Returns
-    -------
-    One matrix per point [m/N].
-
     Examples
     --------
     >>> two = Structure(mass=np.eye(2), damping=np.zeros((2, 2)), stiffness=np.diag([4.0, 9.0]))
@@ -45,18 +34,7 @@ def frequency_response(
 ) -> Transfer:
     r"""Response per force at angular frequencies [rad/s]: :math:`(i\omega)^n H(i \omega)`.
 
-    Parameters
-    ----------
-    structure
-        Structure with its matrices.
-    omega
-        Angular frequencies [rad/s].
-    quantity
-        Relative to the base: of displacement, velocity or acceleration.
-
-    Returns
-    -------
-    Complex response per force, in SI units.
+    Motion is relative to the base.
     """
     scale = (1j * omega) ** derivative_order(quantity)
     return np.asarray(scale[:, None, None] * transfer_function(structure, 1j * omega))
@@ -75,15 +53,6 @@ def laplace_response(
     .. math:: \bar q(s) = H(s) \{ \bar f(s) + M \dot q_0 + C q_0 + s M q_0 \}
 
     Eq. 3.237; on the imaginary axis, eq. 3.134, the frequency response of figures 3.6 to 3.10.
-
-    Parameters
-    ----------
-    s
-        Laplace variable [1/s].
-    force
-        :math:`\bar f(s)`, transformed.
-    displacement, velocity
-        At time zero; at rest where not given.
     """
     rest = np.zeros(structure.dofs)
     q0 = rest if displacement is None else displacement
@@ -94,12 +63,7 @@ def laplace_response(
 
 
 def derivative_order(quantity: str) -> int:
-    """Count the time derivatives from displacement to a quantity.
-
-    Returns
-    -------
-    0, 1 or 2.
-    """
+    """Count the time derivatives from displacement to a quantity: 0, 1 or 2."""
     if quantity not in QUANTITIES:
         raise ValueError(f"{quantity=} is not known. Allowed: {', '.join(QUANTITIES)}.")
     return QUANTITIES.index(quantity)

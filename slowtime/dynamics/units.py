@@ -46,13 +46,6 @@ def unit_of_parameter(unit: str, coordinate: UnitOfCoordinate = "m") -> str:
     is one, every force a torque and every mass a moment of inertia. A unit that is angular
     already stays as it is.
 
-    Parameters
-    ----------
-    unit
-        Unit for displacements in metres, of factors with or without powers: ``N s/m``.
-    coordinate
-        Unit of the coordinate.
-
     Examples
     --------
     >>> unit_of_parameter("N s^2/m^2", "rad"), unit_of_parameter("m/s", "rad")
@@ -71,13 +64,6 @@ def unit_factor(unit: str, quantity: Quantity, coordinate: UnitOfCoordinate = "m
     """SI value of a unit.
 
     Where the coordinate is an angle, a ``force`` is a torque.
-
-    Parameters
-    ----------
-    quantity
-        Displacement, velocity or acceleration.
-    coordinate
-        Unit of the coordinate.
 
     Examples
     --------

@@ -79,11 +79,6 @@ def count_work(units: int) -> None:
 def count_simulation(steps: int, width: int) -> None:
     """Add the work of one simulation to the meter, if one is set.
 
-    Parameters
-    ----------
-    steps
-        Steps of integration that were taken.
-    width
-        States that each step moves, with their derivatives by parameters.
+    `width` counts the states that each step moves, with their derivatives by parameters.
     """
     count_work(SIMULATION_WORK + steps * (STEP_WORK + width))

@@ -32,8 +32,6 @@ class ElementMatrices:
         Numbers of the nodes of each element; -1 for the ground.
     stiffness, mass
         Over six degrees of freedom of each of its nodes.
-    groups
-        Group of each element.
     """
 
     nodes: Int[np.ndarray, "element corner"]
@@ -48,19 +46,7 @@ def assemble(frame: Frame) -> ParametricMatrices:
     Rotations of nodes that only bars join have neither stiffness nor mass, and are left out
     unless a constraint needs them.
 
-    Parameters
-    ----------
-    frame
-        Nodes, elements, conditions and parameters.
-
-    Returns
-    -------
-    The matrices over the coordinates that the supports and links leave free.
-
-    Raises
-    ------
-    ValueError
-        Where an element has no length, or the conditions contradict each other.
+    Raises `ValueError` where an element has no length, or the conditions contradict each other.
     """
     kinds = element_matrices(frame)
     whole = full_map(frame.node_names, frame.coordinates)
@@ -79,31 +65,14 @@ def assemble(frame: Frame) -> ParametricMatrices:
 def whole_mass(frame: Frame) -> sparse.csr_array:
     """Mass over six degrees of freedom at each node, before supports and constraints.
 
-    Parameters
-    ----------
-    frame
-        The frame.
-
-    Returns
-    -------
-    The matrix; times a unit motion of all nodes it is the load of a moving base.
+    Times a unit motion of all nodes it is the load of a moving base.
     """
     size = full_map(frame.node_names, frame.coordinates).size
     return _scattered(element_matrices(frame), size, "mass", None)
 
 
 def element_matrices(frame: Frame) -> list[ElementMatrices]:
-    """Matrices of all elements of a frame, kind by kind.
-
-    Parameters
-    ----------
-    frame
-        The frame.
-
-    Returns
-    -------
-    One entry for each kind that the frame has.
-    """
+    """Matrices of all elements of a frame, kind by kind."""
     number = {name: i for i, name in enumerate(frame.node_names)}
     makers: list[tuple[Sequence[object], Callable[..., ElementMatrices]]] = [
         (frame.bars, _bars),

@@ -15,17 +15,6 @@ def close_groups(
 ) -> list[list[int]]:
     """Gather neighbouring modes, each within `relative` of the one before.
 
-    Parameters
-    ----------
-    frequency_hz
-        Frequencies, ascending [Hz].
-    relative
-        Largest relative distance within a group [1].
-
-    Returns
-    -------
-    Positions of the modes of each group.
-
     Examples
     --------
     >>> close_groups(np.array([1.0, 1.005, 2.0]))
@@ -52,17 +41,6 @@ def mass_weighted_agreement(
 
     with P the M-orthogonal projection onto the reference. For one mode each this is the MAC
     weighted by mass.
-
-    Parameters
-    ----------
-    found, reference
-        Columns that span the subspaces; the reference has at least as many.
-    mass
-        Mass matrix.
-
-    Returns
-    -------
-    Agreement, 0 to 1 [1].
     """
     one, other = _orthonormal(found, mass), _orthonormal(reference, mass)
     cosines = scipy.linalg.svdvals(one.T @ (mass @ other))

@@ -23,37 +23,13 @@ SINGULAR = 1e-10
 
 
 def support_equations(dofs: DofMap, supports: Sequence[Support]) -> list[Equation]:
-    """Equations of supports: each held displacement is zero.
-
-    Parameters
-    ----------
-    dofs
-        Map of the degrees of freedom.
-    supports
-        Nodes and directions that are held.
-
-    Returns
-    -------
-    One equation for each held degree of freedom.
-    """
+    """Equations of supports: each held displacement is zero."""
     held = {dofs.find(one.node, way) for one in supports for way in one.directions}
     return [((position, 1.0),) for position in sorted(held)]
 
 
 def link_equations(dofs: DofMap, links: Sequence[RigidLink]) -> list[Equation]:
-    r"""Equations of rigid links, :math:`u_f = u_l + \theta_l \times r`, equal rotations.
-
-    Parameters
-    ----------
-    dofs
-        Map of the degrees of freedom, six at each linked node.
-    links
-        Pairs of leading and following nodes.
-
-    Returns
-    -------
-    Six equations for each link.
-    """
+    r"""Equations of rigid links, :math:`u_f = u_l + \theta_l \times r`, equal rotations."""
     found: list[Equation] = []
     number = {name: i for i, name in enumerate(dofs.node_names)}
     for link in links:
@@ -72,17 +48,7 @@ def link_equations(dofs: DofMap, links: Sequence[RigidLink]) -> list[Equation]:
 
 
 def carried_by(arm: np.ndarray) -> np.ndarray:
-    """Displacement and rotation at the end of a rigid arm, from those at its beginning.
-
-    Parameters
-    ----------
-    arm
-        Vector from the beginning to the end [m].
-
-    Returns
-    -------
-    Matrix of six rows and columns.
-    """
+    """Displacement and rotation at the end of a rigid arm, from those at its beginning."""
     x, y, z = (float(part) for part in arm)
     carried = np.eye(6)
     carried[:3, 3:] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
@@ -92,19 +58,7 @@ def carried_by(arm: np.ndarray) -> np.ndarray:
 def constraint_equations(
     dofs: DofMap, constraints: Sequence[MultiPointConstraint]
 ) -> list[Equation]:
-    """Equations of multi-point constraints.
-
-    Parameters
-    ----------
-    dofs
-        Map of the degrees of freedom.
-    constraints
-        Relations between displacements.
-
-    Returns
-    -------
-    One equation for each.
-    """
+    """Equations of multi-point constraints."""
     return [
         tuple((dofs.find(node, way), value) for node, way, value in one.terms)
         for one in constraints
@@ -114,21 +68,8 @@ def constraint_equations(
 def transformation(size: int, equations: Sequence[Equation]) -> sparse.csr_array:
     """Matrix T with u = T q for the independent coordinates q.
 
-    Parameters
-    ----------
-    size
-        Number of degrees of freedom.
-    equations
-        Constraints; the first degree of freedom of each is eliminated.
-
-    Returns
-    -------
-    T, one row for each degree of freedom.
-
-    Raises
-    ------
-    ValueError
-        Where two equations eliminate the same degree of freedom, or they depend on each other.
+    The first degree of freedom of each equation is eliminated. Raises `ValueError` where two
+    eliminate the same one, or depend on each other.
     """
     first = [equation[0][0] for equation in equations]
     if len(set(first)) < len(first):
@@ -176,19 +117,7 @@ def _solved(own: sparse.csc_array, others: sparse.csc_array) -> sparse.csc_array
 
 
 def constrain(model: ParametricMatrices, equations: Sequence[Equation]) -> ParametricMatrices:
-    """Model on the coordinates that constraints leave free.
-
-    Parameters
-    ----------
-    model
-        Matrices over all degrees of freedom.
-    equations
-        Constraints.
-
-    Returns
-    -------
-    The model, with `expansion` back to all degrees of freedom.
-    """
+    """Model on the coordinates that constraints leave free."""
     if not equations:
         return model
     matrix = transformation(model.size, equations)
@@ -201,18 +130,7 @@ def project_sparse(
 ) -> ParametricMatrices:
     """Model on the coordinates q of u = T q.
 
-    Parameters
-    ----------
-    model
-        Matrices over u.
-    matrix
-        T.
-    expansion
-        Degrees of freedom before constraints, from q.
-
-    Returns
-    -------
-    The model over q.
+    `expansion` leads from q to the degrees of freedom before constraints.
     """
 
     def turned(part: sparse.csr_array) -> sparse.csr_array:

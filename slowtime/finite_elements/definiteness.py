@@ -40,12 +40,7 @@ class IndefiniteStiffnessError(ValueError):
 class ParameterRange:
     """Values of one parameter, the others zero, at which the stiffness is positive.
 
-    Parameters
-    ----------
-    name
-        Of the parameter.
-    lower, upper
-        Bounds of its relative change [1].
+    Bounds are relative changes [1].
     """
 
     name: str
@@ -68,14 +63,7 @@ class ParameterRange:
 def parameter_ranges(model: ParametricMatrices) -> tuple[ParameterRange, ...]:
     """Find the range of each parameter that acts on the stiffness.
 
-    Parameters
-    ----------
-    model
-        The model, whose stiffness at zero parameters has no negative eigenvalue.
-
-    Returns
-    -------
-    One range for each such parameter.
+    The stiffness at zero parameters has no negative eigenvalue.
     """
     whole, factor = _held(model)
     return tuple(
@@ -90,19 +78,8 @@ def check_definite(
 ) -> None:
     """Refuse parameters at which the stiffness has negative eigenvalues.
 
-    Parameters
-    ----------
-    model
-        The model.
-    theta
-        Relative changes of the parts [1].
-    factor
-        Factors of the stiffness there, whose pivots have the signs of the eigenvalues.
-
-    Raises
-    ------
-    IndefiniteStiffnessError
-        Naming the groups whose stiffness exceeds that of the whole model, and their ranges.
+    Pivots of the factors have the signs of the eigenvalues. Raises `IndefiniteStiffnessError`,
+    which names the groups whose stiffness exceeds that of the whole model, and their ranges.
     """
     if factor.singular or not factor.symmetric or not factor.negative:
         return
@@ -125,21 +102,8 @@ def indefinite_reduced_stiffness(
 ) -> IndefiniteStiffnessError:
     """Make the error of a reduced model whose stiffness has negative eigenvalues.
 
-    Parameters
-    ----------
-    names
-        Of the parameters.
-    stiffness
-        Of the reduced model at zero parameters [N/m].
-    parts
-        What a unit of each parameter adds [N/m].
-    theta
-        Relative changes of the parts [1].
-
-    Returns
-    -------
-    Error that names the groups whose stiffness exceeds that of the model, and their ranges over
-    the motions that the reduced model has; those of the full model are as wide or narrower.
+    It names the groups whose stiffness exceeds that of the model, and their ranges over the
+    motions that the reduced model has; those of the full model are as wide or narrower.
     """
     floor = GROUNDED * float(np.trace(stiffness)) / len(stiffness)
     whole = stiffness + max(floor - float(np.linalg.eigvalsh(stiffness)[0]), 0.0) * np.eye(

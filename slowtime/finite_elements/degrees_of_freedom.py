@@ -17,8 +17,6 @@ class DofMap:
 
     Parameters
     ----------
-    node_names
-        Name of each node.
     coordinates
         Position of each node [m].
     node
@@ -86,21 +84,7 @@ class DofMap:
     def find(self, node: str, direction: str) -> int:
         """Position of one degree of freedom.
 
-        Parameters
-        ----------
-        node
-            Name of a node.
-        direction
-            One of `DIRECTIONS`.
-
-        Returns
-        -------
-        Its position, counted from 0.
-
-        Raises
-        ------
-        ValueError
-            Where the model does not have it.
+        It is counted from 0. Raises `ValueError` where the model does not have it.
         """
         if node not in self._numbers or direction not in DIRECTIONS:
             raise ValueError(
@@ -121,17 +105,8 @@ class DofMap:
     ) -> Float[np.ndarray, " dof"]:
         """Row of a sensor that sees the displacement of a node along a line.
 
-        Parameters
-        ----------
-        node
-            Name of the node.
-        line
-            Components of the line of sight by direction, as in `{"ux": 0.6, "uz": 0.8}`, or
-            along x, y and z; taken as given, so a unit vector measures in the model's unit.
-
-        Returns
-        -------
-        One entry for each degree of freedom [1].
+        The line of sight is given by direction, as in `{"ux": 0.6, "uz": 0.8}`, or along x, y
+        and z; taken as it is, so that a unit vector measures in the model's unit.
         """
         parts = line if isinstance(line, Mapping) else dict(zip(DIRECTIONS, line, strict=False))
         row = np.zeros(self.size)
@@ -143,17 +118,6 @@ class DofMap:
 
 def full_map(names: Sequence[str], coordinates: Float[np.ndarray, "node 3"]) -> DofMap:
     """Map of six degrees of freedom at each node, node by node.
-
-    Parameters
-    ----------
-    names
-        Name of each node.
-    coordinates
-        Position of each node [m].
-
-    Returns
-    -------
-    The map.
 
     Examples
     --------

@@ -41,8 +41,6 @@ class SparseModes:
     ----------
     eigenvalue
         Squares of the angular frequencies [rad^2/s^2]; 0 for rigid motions.
-    shapes
-        One column for each mode.
     residual
         :math:`\|K x_j - \lambda_j M x_j\| / \|K x_j\|` of each mode [1], over the size of
         :math:`\lambda M x` for rigid motions.
@@ -79,10 +77,6 @@ def lowest_modes(
 
     Parameters
     ----------
-    stiffness, mass
-        Symmetric matrices, not negative [N/m, kg].
-    count
-        How many modes, rigid motions among them.
     check
         Whether to confirm by a Sturm count that no mode is missing, at the cost of one more
         factorisation.
@@ -90,10 +84,6 @@ def lowest_modes(
         Factors of the stiffness matrix, where they exist already.
     tolerance
         Relative error of the eigenvalues at which the solver may stop [1]; 0 for rounding.
-
-    Returns
-    -------
-    The modes.
 
     Raises
     ------
@@ -122,37 +112,14 @@ def lowest_modes(
 
 
 def nominal_modes(model: ParametricMatrices, count: int, *, check: bool = True) -> SparseModes:
-    """Lowest modes of a model at zero parameters; see `lowest_modes`.
-
-    Parameters
-    ----------
-    model
-        The model.
-    count
-        How many modes.
-    check
-        Whether to confirm their number.
-
-    Returns
-    -------
-    The modes.
-    """
+    """Lowest modes of a model at zero parameters; see `lowest_modes`."""
     return lowest_modes(model.stiffness, model.mass, count, check=check)
 
 
 def modes_below(model: ParametricMatrices, frequency_hz: float) -> int | None:
     """Count the modes of a model below a frequency without finding them.
 
-    Parameters
-    ----------
-    model
-        The model, at zero parameters.
-    frequency_hz
-        Upper end of the band [Hz], such as that of the sensors.
-
-    Returns
-    -------
-    Their number; None where rounding forbids the count (move the frequency a little).
+    None where rounding forbids the count (move the frequency a little).
     """
     return eigenvalues_below(model.stiffness, model.mass, (2 * np.pi * frequency_hz) ** 2)
 
@@ -232,10 +199,8 @@ def _lanczos(
 
 
 def _weighing(mass: sparse.csr_array) -> sparse.csr_array | LinearOperator:
-    """Mass for the solver; of a lumped one the products alone, without checks of each.
-
-    The solver takes two to three products with the mass for each solution.
-    """
+    """Mass for the solver; of a lumped one the products alone, without checks of each."""
+    # The solver takes two to three products with the mass for each solution.
     diagonal = mass.diagonal()
     if np.count_nonzero(mass.data) > np.count_nonzero(diagonal):
         return mass

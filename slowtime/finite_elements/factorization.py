@@ -14,13 +14,7 @@ thousand times the rounding of double precision, for the sums of elimination."""
 
 
 class SymmetricFactor:
-    """Factors of a sparse symmetric matrix, without interchanges where pivots allow it.
-
-    Parameters
-    ----------
-    matrix
-        The matrix.
-    """
+    """Factors of a sparse symmetric matrix, without interchanges where pivots allow it."""
 
     def __init__(self, matrix: sparse.csr_array) -> None:
         self._diagonal = np.abs(matrix.diagonal())
@@ -49,19 +43,7 @@ class SymmetricFactor:
     def solve(self, right: Columns) -> Columns:
         """Solve for one or several right-hand sides.
 
-        Parameters
-        ----------
-        right
-            Right-hand sides, one column each.
-
-        Returns
-        -------
-        Solutions.
-
-        Raises
-        ------
-        ValueError
-            Where the matrix is singular.
+        Raises `ValueError` where the matrix is singular.
         """
         if self._lu is None:
             raise ValueError(
@@ -78,17 +60,8 @@ def eigenvalues_below(
 
     The count is the number of negative pivots of :math:`K - \sigma M`.
 
-    Parameters
-    ----------
-    stiffness, mass
-        Symmetric matrices; mass not negative.
-    bound
-        :math:`\sigma` [rad^2/s^2].
-
-    Returns
-    -------
-    How many there are; None where the factorisation had to interchange rows, as with a bound
-    too near to an eigenvalue.
+    It is None where the factorisation had to interchange rows, as with a bound too near to an
+    eigenvalue. Bounds are in rad^2/s^2.
 
     References
     ----------

@@ -19,10 +19,6 @@ class Bar:
 
     Parameters
     ----------
-    name, ends
-        Name of the element and of its two nodes.
-    section, material
-        Of which area, modulus and density matter.
     group
         Name under which a parameter scales it; empty for none.
     """
@@ -40,10 +36,6 @@ class Beam:
 
     Parameters
     ----------
-    name, ends
-        Name of the element and of its two nodes.
-    section, material
-        Cross-section and material.
     theory
         `euler` neglects shear deformation and rotary inertia, `timoshenko` has both.
     orientation
@@ -74,8 +66,6 @@ class Spring:
 
     Parameters
     ----------
-    name, ends
-        Name of the element and of its nodes; None for the ground.
     translation_n_per_m, rotation_nm_per_rad
         Stiffnesses along [N/m] and about [N m/rad] x, y and z.
     group
@@ -95,10 +85,6 @@ class PointMass:
 
     Parameters
     ----------
-    name, node
-        Name of the mass and of its node.
-    mass_kg
-        Mass [kg].
     inertia_kg_m2
         Moments of inertia about x, y and z through its centre [kg m^2].
     offset_m
@@ -121,12 +107,8 @@ class Shell:
 
     Parameters
     ----------
-    name, corners
+    corners
         Name of the element and of its four nodes, in order around it.
-    thickness_m
-        Thickness [m].
-    material
-        Material.
     group
         Name under which a parameter scales it; empty for none.
     """

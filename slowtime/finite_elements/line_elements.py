@@ -71,18 +71,7 @@ def shear_ratio(
 ) -> Float[np.ndarray, " element"]:
     r"""Ratio of bending to shear flexibility, :math:`\varphi = 12 E I / (G A_s L^2)` [1].
 
-    Parameters
-    ----------
-    bending
-        Bending stiffness [N m^2].
-    shear
-        Shear stiffness [N]; infinite for Euler-Bernoulli beams.
-    length
-        Length [m].
-
-    Returns
-    -------
-    Ratio, 0 for Euler-Bernoulli beams.
+    It is 0 for Euler-Bernoulli beams, whose shear stiffness [N] is infinite.
     """
     return np.asarray(12.0 * bending / (shear * length**2))
 
@@ -94,14 +83,7 @@ def bending_stiffness(
 ) -> Float[np.ndarray, "element 4 4"]:
     """Stiffness for deflection and slope at both ends, exact for loads at the ends.
 
-    Parameters
-    ----------
-    bending, ratio, length
-        Bending stiffness [N m^2], shear ratio [1] and length [m].
-
-    Returns
-    -------
-    Matrices over deflection [m] and slope [rad] of first and second end.
+    From bending stiffness [N m^2], shear ratio [1] and length [m].
 
     References
     ----------
@@ -131,18 +113,7 @@ def bending_mass(
     interpolations N of deflection and :math:`\Psi` of rotation that belong to
     `bending_stiffness`.
 
-    Parameters
-    ----------
-    line_mass
-        Mass by length [kg/m].
-    rotary
-        Rotary inertia by length [kg m]; 0 to neglect it.
-    ratio, length
-        Shear ratio [1] and length [m].
-
-    Returns
-    -------
-    Matrices over deflection and slope of first and second end.
+    Mass and rotary inertia are by length [kg/m], [kg m]; 0 neglects the latter.
 
     References
     ----------
@@ -184,19 +155,7 @@ def beam_matrix(
     plane_xy: Float[np.ndarray, "element 4 4"],
     plane_xz: Float[np.ndarray, "element 4 4"],
 ) -> Float[np.ndarray, "element 12 12"]:
-    """Local matrices of beams from those of their four uncoupled motions.
-
-    Parameters
-    ----------
-    axial, twist
-        Over displacements along x, and rotations about x, of both ends.
-    plane_xy, plane_xz
-        Over deflection and slope of both ends in these planes.
-
-    Returns
-    -------
-    Matrices over all twelve degrees of freedom.
-    """
+    """Local matrices of beams from those of their four uncoupled motions."""
     whole = np.zeros((len(axial), 12, 12))
     mirrored = plane_xz * np.outer(_MIRROR, _MIRROR)
     for where, part in (
@@ -210,17 +169,7 @@ def beam_matrix(
 
 
 def spring_pair(stiffness: Float[np.ndarray, " element"]) -> Float[np.ndarray, "element 2 2"]:
-    """Stiffness between two coordinates that a spring joins.
-
-    Parameters
-    ----------
-    stiffness
-        Of each spring [N/m].
-
-    Returns
-    -------
-    Matrices over both ends.
-    """
+    """Stiffness between two coordinates that a spring joins."""
     return np.asarray(stiffness[:, None, None] * np.array([[1.0, -1.0], [-1.0, 1.0]]))
 
 
@@ -229,16 +178,7 @@ def linear_mass(
 ) -> Float[np.ndarray, "element 2 2"]:
     """Consistent mass of a motion that is linear between both ends.
 
-    Parameters
-    ----------
-    line_mass
-        Mass by length [kg/m], or polar inertia by length [kg m].
-    length
-        Length [m].
-
-    Returns
-    -------
-    Matrices over both ends.
+    Of an inertia by length [kg m] it is that of rotations.
     """
     share = line_mass * length / 6.0
     return np.asarray(share[:, None, None] * np.array([[2.0, 1.0], [1.0, 2.0]]))
@@ -247,19 +187,7 @@ def linear_mass(
 def bar_mass(
     line_mass: Float[np.ndarray, " element"], length: Float[np.ndarray, " element"]
 ) -> Float[np.ndarray, "element 12 12"]:
-    """Consistent mass of bars, the same in all three directions; none for rotations.
-
-    Parameters
-    ----------
-    line_mass
-        Mass by length [kg/m].
-    length
-        Length [m].
-
-    Returns
-    -------
-    Matrices over all twelve degrees of freedom.
-    """
+    """Consistent mass of bars, the same in all three directions; none for rotations."""
     whole = np.zeros((len(length), 12, 12))
     part = linear_mass(line_mass, length)
     for axis in range(3):
@@ -283,21 +211,8 @@ def released(
     With :math:`u_c = T u_r`, :math:`T = -K_{cc}^{-1} K_{cr}`, for the released :math:`u_c`, the
     stiffness is exact for loads at the ends, and the mass is Guyan's.
 
-    Parameters
-    ----------
-    stiffness, mass
-        Local matrices.
-    loose
-        Numbers of the released degrees of freedom.
-
-    Returns
-    -------
-    Matrices of the same size; rows and columns of what is released are zero.
-
-    Raises
-    ------
-    ValueError
-        Where the releases leave a mechanism.
+    Rows and columns of what is released are zero. Raises `ValueError` where the releases leave
+    a mechanism.
 
     References
     ----------
@@ -322,19 +237,7 @@ def released(
 def to_global(
     local: Float[np.ndarray, "element own own"], axes: Float[np.ndarray, "element 3 3"]
 ) -> Float[np.ndarray, "element own own"]:
-    """Matrices in global directions.
-
-    Parameters
-    ----------
-    local
-        Matrices in local directions.
-    axes
-        Local axes, as `element_axes` gives them.
-
-    Returns
-    -------
-    Matrices over the same degrees of freedom, three by three, in global directions.
-    """
+    """Matrices in global directions."""
     count = local.shape[1] // 3
     blocks = local.reshape(-1, count, 3, count, 3)
     turned = np.einsum("eki,eakbl,elj->eaibj", axes, blocks, axes, optimize=True)

@@ -30,8 +30,6 @@ class ParametricMatrices:
     ----------
     stiffness, mass
         At zero parameters, symmetric [N/m, kg].
-    names
-        Of the parameters.
     stiffness_parts, mass_parts
         One for each parameter, or None for a parameter that does not act on it.
     damping
@@ -112,14 +110,7 @@ class ParametricMatrices:
     ) -> tuple[sparse.csr_array, sparse.csr_array]:
         """Stiffness and mass at values of the parameters.
 
-        Parameters
-        ----------
-        theta
-            Relative changes of the parts [1].
-
-        Returns
-        -------
-        Stiffness and mass [N/m, kg].
+        Parameters are relative changes of the parts [1].
         """
         return self.stiffness_family.at(theta), self.mass_family.at(theta)
 
@@ -139,12 +130,8 @@ FEW_ROWS = 8
 class MatrixFamily:
     """A sparse matrix and its parts, on the union of their patterns.
 
-    Parameters
-    ----------
-    nominal
-        The matrix at zero parameters.
-    parts
-        What a unit of each parameter adds; None for nothing.
+    The nominal matrix is that at zero parameters; a part is None where a parameter does not
+    act.
     """
 
     def __init__(
@@ -199,17 +186,7 @@ class MatrixFamily:
     def project(
         self, left: Float[np.ndarray, "own left"], right: Float[np.ndarray, "own right"]
     ) -> Float[np.ndarray, "parameter left right"]:
-        r"""Compute :math:`L^T K_i R` of every part, over the rows that the part has.
-
-        Parameters
-        ----------
-        left, right
-            Columns of vectors.
-
-        Returns
-        -------
-        One small matrix for each parameter.
-        """
+        r"""Compute :math:`L^T K_i R` of every part, over the rows that the part has."""
         found = np.zeros((self.count, left.shape[1], right.shape[1]))
         if not self._own:
             return found
@@ -228,19 +205,7 @@ class MatrixFamily:
         left: Float[np.ndarray, "own left vector"],
         right: Float[np.ndarray, "own vector"],
     ) -> Float[np.ndarray, "parameter left vector"]:
-        r"""Compute :math:`L_j^T K_i r_j` of every part, for pairs of a matrix and a vector.
-
-        Parameters
-        ----------
-        left
-            Columns that belong to each vector.
-        right
-            The vectors.
-
-        Returns
-        -------
-        One row of numbers for each parameter and vector.
-        """
+        r"""Compute :math:`L_j^T K_i r_j` of every part, for pairs of a matrix and a vector."""
         if not self._own:
             return np.zeros((self.count, *left.shape[1:]))
         stacked, rows, _ = self._stacked
@@ -276,17 +241,7 @@ class MatrixFamily:
 def check_symmetric(name: str, matrix: sparse.csr_array) -> None:
     """Refuse a matrix that is not symmetric or has values that are not finite.
 
-    Parameters
-    ----------
-    name
-        Of the matrix, for the message.
-    matrix
-        The matrix.
-
-    Raises
-    ------
-    ValueError
-        Where it is not.
+    Raises `ValueError`.
     """
     if not np.isfinite(matrix.data).all():
         raise ValueError(

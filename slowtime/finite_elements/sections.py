@@ -9,17 +9,7 @@ Theory = Literal["euler", "timoshenko"]
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Material:
-    """A linear elastic material.
-
-    Parameters
-    ----------
-    young_pa
-        Modulus of elasticity [Pa].
-    poisson
-        Poisson's ratio [1].
-    density_kg_m3
-        Mass density [kg/m^3].
-    """
+    """A linear elastic material."""
 
     young_pa: float
     poisson: float = 0.3
@@ -48,12 +38,8 @@ class Section:
 
     Parameters
     ----------
-    area_m2
-        Area [m^2].
     inertia_y_m4, inertia_z_m4
         Second moments of area about y (bending in the x-z plane) and z (x-y plane) [m^4].
-    torsion_m4
-        Torsion constant [m^4].
     shear_y_m2, shear_z_m2
         Shear areas along y and z [m^2]; needed for Timoshenko beams only.
     """
@@ -83,15 +69,6 @@ class Section:
 def rectangle(width_m: float, height_m: float) -> Section:
     """Solid rectangle, its width along y and its height along z.
 
-    Parameters
-    ----------
-    width_m, height_m
-        Sides [m].
-
-    Returns
-    -------
-    The section, with a shear area of 5/6 of the area.
-
     References
     ----------
     .. [1] W. C. Young, R. G. Budynas, "Roark's Formulas for Stress and Strain", 7th ed. (2002),
@@ -119,16 +96,7 @@ def rectangle(width_m: float, height_m: float) -> Section:
 def tube(diameter_m: float, wall_m: float) -> Section:
     """Circular tube; a wall of half the diameter makes it solid.
 
-    Parameters
-    ----------
-    diameter_m
-        Outer diameter [m].
-    wall_m
-        Thickness of the wall [m].
-
-    Returns
-    -------
-    The section. The shear area is half of the area, which holds for thin walls.
+    The shear area is half of the area, which holds for thin walls.
     """
     if not 0.0 < wall_m <= diameter_m / 2:
         raise ValueError(

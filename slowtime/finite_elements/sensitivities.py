@@ -69,8 +69,6 @@ class SolvedModel:
     ----------
     eigenvalue, shapes
         Modes found, ascending, mass-normalised; more than those whose slopes are wanted.
-    stiffness_family, mass_family
-        Parts by the parameters.
     weigh
         Product of the mass matrix with columns.
     solve
@@ -92,12 +90,7 @@ class SolvedModel:
 class ModeSlopes:
     """Slopes by the parameters.
 
-    Parameters
-    ----------
-    eigenvalue
-        Of the eigenvalues [rad^2/s^2].
-    sensed
-        Of the mass-normalised shapes at the sensors.
+    `sensed` are the slopes of the mass-normalised shapes at the sensors.
     """
 
     eigenvalue: Float[np.ndarray, "mode parameter"]
@@ -107,21 +100,7 @@ class ModeSlopes:
 def mode_slopes(
     solved: SolvedModel, rows: Float[np.ndarray, "sensor own"], wanted: np.ndarray
 ) -> ModeSlopes:
-    """Slopes of some modes by all parameters.
-
-    Parameters
-    ----------
-    solved
-        The model and its modes.
-    rows
-        What each sensor sees of the coordinates.
-    wanted
-        Positions of the modes whose slopes are wanted.
-
-    Returns
-    -------
-    The slopes.
-    """
+    """Slopes of some modes by all parameters."""
     values, shapes = solved.eigenvalue, solved.shapes
     own, right = values[wanted], shapes[:, wanted]
     pulled = solved.stiffness_family.project(shapes, right)

@@ -39,19 +39,8 @@ def shell_axes(corners: Float[np.ndarray, "element 4 3"]) -> Float[np.ndarray, "
 
     The normal is that of both diagonals; x is along the first side.
 
-    Parameters
-    ----------
-    corners
-        Positions of the corners, in order around the element [m].
-
-    Returns
-    -------
-    Rotation matrices: local components are `axes @ global components`.
-
-    Raises
-    ------
-    ValueError
-        Where an element has no area, is not flat or not convex.
+    Local components are `axes @ global components`. Raises `ValueError` where an element has no
+    area, is not flat or not convex.
     """
     normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
     area = np.linalg.norm(normal, axis=1) / 2
@@ -98,20 +87,7 @@ def shell_stiffness(
 ) -> Float[np.ndarray, "element 24 24"]:
     """Stiffness of shells in local directions.
 
-    Parameters
-    ----------
-    corners
-        Positions of the corners [m].
-    axes
-        Local axes, as `shell_axes` gives them.
-    material
-        Modulus of elasticity [Pa] and Poisson's ratio [1] of each element.
-    thickness
-        Of each element [m].
-
-    Returns
-    -------
-    Matrices over the 24 degrees of freedom.
+    The material is given by moduli of elasticity [Pa] and Poisson's ratios [1].
     """
     young, poisson = material
     shear = young / (2 * (1 + poisson))
@@ -146,19 +122,7 @@ def shell_mass(
     density: Float[np.ndarray, " element"],
     thickness: Float[np.ndarray, " element"],
 ) -> Float[np.ndarray, "element 24 24"]:
-    """Consistent mass of shells in local directions, with rotary inertia.
-
-    Parameters
-    ----------
-    corners, axes
-        Positions of the corners [m], and local axes.
-    density, thickness
-        Mass density [kg/m^3] and thickness [m] of each element.
-
-    Returns
-    -------
-    Matrices over the 24 degrees of freedom.
-    """
+    """Consistent mass of shells in local directions, with rotary inertia."""
     place = _local(corners, axes)
     shares = np.zeros((len(place), 4, 4))
     for r, s in _GAUSS:

@@ -28,22 +28,7 @@ def sparse_mode_slopes(
 ) -> tuple[SparseModes, ModeSlopes]:
     """Lowest elastic modes of a sparse model, with slopes by its parameters.
 
-    Parameters
-    ----------
-    model
-        The model.
-    theta
-        Relative changes of the parts [1].
-    rows
-        What each sensor sees of the coordinates of the matrices.
-    count
-        How many modes, rigid motions not counted.
-    added_mass
-        Mass on the structure that no parameter acts on [kg].
-
-    Returns
-    -------
-    The modes without rigid motions, and their slopes.
+    Rigid motions are not counted, and left out. No parameter acts on the added mass [kg].
     """
     stiffness, mass = model.at(theta)
     if added_mass is not None:

@@ -135,22 +135,7 @@ def sampled(
 ) -> Result:
     """Make the result of a sampling method; its interval is symmetric in the logarithm.
 
-    Parameters
-    ----------
-    method
-        Name of the method.
-    probability
-        Estimate of the failure probability [1].
-    variation
-        Its coefficient of variation [1].
-    calls
-        Number of evaluations of the limit state.
-    design_points
-        Design points found, if any.
-    warnings
-        Warnings to the user.
-    freedom
-        Degrees of freedom of the variance, where few independent runs told it.
+    `freedom` are the degrees of freedom of the variance, where few independent runs told it.
     """
     if probability <= 0.0 or not math.isfinite(variation):
         said = "No sampled point failed. Allow more calls, or use subset simulation."
@@ -187,21 +172,6 @@ def approximated(
 ) -> Result:
     """Make the result of a method whose error is not known: it has no interval.
 
-    Parameters
-    ----------
-    method
-        Name of the method.
-    probability
-        Estimate of the failure probability [1].
-    calls
-        Number of evaluations of the limit state.
-    why
-        Why there is no interval.
-    design_points
-        Design points found, if any.
-    warnings
-        Warnings to the user.
-    bounds
-        Lower and upper bound of the probability [1], if the method has some.
+    `why` says why there is no interval.
     """
     return Result(method, probability, None, why, None, calls, design_points, warnings, bounds)

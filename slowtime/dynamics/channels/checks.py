@@ -39,10 +39,7 @@ def check_inputs(
 ) -> None:
     """Refuse inputs at places that do not exist, that contradict each other, or in wrong units.
 
-    Raises
-    ------
-    DescriptionError
-        Naming what was given and what is allowed.
+    Raises `DescriptionError`, naming what was given and what is allowed.
     """
     check_unique("inputs", [entry.channel for entry in inputs], "channel")
     moved: dict[str, str] = {}
@@ -139,15 +136,7 @@ def check_sensors(
 ) -> None:
     """Refuse sensors of what does not exist, or in wrong units.
 
-    Parameters
-    ----------
-    moved
-        Names of supports and of driven nodes.
-
-    Raises
-    ------
-    DescriptionError
-        Naming what was given and what is allowed.
+    `moved` are the names of supports and of driven nodes. Raises `DescriptionError`.
     """
     for i, sensor in enumerate(sensors):
         where = ("sensors", i)

@@ -34,10 +34,8 @@ _SIGNATURE = _REAL(_REAL, _REAL, _REAL, _POINTER, _POINTER)
 
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile a function, which makes no arrays, when it is first called.
-
-    Without the bookkeeping that arrays of its own would take, it compiles twice as fast.
-    """
+    """Compile a function, which makes no arrays, when it is first called."""
+    # Without the bookkeeping that arrays of its own would take, it compiles twice as fast.
     # Checkers of array shapes wrap functions in Python, which machine code cannot call.
     return cast(Callable[P, R], _cached(inspect.unwrap(function), _OPTIONS))
 
@@ -73,12 +71,8 @@ class Routines:
     ) -> Callable[[Callable[P, R]], Callable[P, R]]:
         """Make a routine of a function; only compiled code can call it.
 
-        Parameters
-        ----------
-        signature
-            Types of what it returns and takes.
-        rare
-            Whether it is left out, and not compiled, where a run has no use for rare ones.
+        `signature` holds the types of what it returns and takes. With `rare`, it is not
+        compiled where a run has no use for rare ones.
         """
 
         def decorate(function: Callable[P, R]) -> Callable[P, R]:
@@ -95,13 +89,7 @@ class Routines:
         return len(self._found)
 
     def compile(self, number: int) -> bool:
-        """Compile one of them; tell whether its code was on disk already.
-
-        Parameters
-        ----------
-        number
-            Of the routine, in the order in which they are defined.
-        """
+        """Compile one of them; tell whether its code was on disk already."""
         function, signature, _ = self._found[number]
         function.compile(signature.args)
         return bool(function.stats.cache_hits)
@@ -110,10 +98,7 @@ class Routines:
     def addresses(self, *, rare: bool) -> Sequence[int]:
         """Compile the routines, and tell where their machine code stands in memory.
 
-        Parameters
-        ----------
-        rare
-            Whether those that are rare are needed, too; their address is 0 where not.
+        Those that are rare have the address 0 where they are not needed.
         """
         return tuple(
             0 if is_rare and not rare else _native_address(function, signature)
@@ -159,10 +144,8 @@ def _call_by_row(function: Callable[..., Any], row: int, signature: Any) -> Any:
 def law_address(law: Scalar) -> int:
     """Where the machine code of a law stands in memory, for `call_law`.
 
-    Raises
-    ------
-    ValueError
-        If it cannot be compiled: a law may use numbers, `math` and other compiled functions.
+    Raises `ValueError` if it cannot be compiled: a law may use numbers, `math` and other
+    compiled functions.
     """
     return int(_code(inspect.unwrap(law)).address)
 
@@ -201,11 +184,9 @@ call_law: Any = intrinsic(inspect.unwrap(_call_law))
 
 
 def view_of(kind: Any, axes: int) -> Any:
-    """Make the compiled function (table, row) to the array that stands in memory there.
+    """Make the compiled function (table, row) to the array that stands in memory there."""
 
-    A row of the table is (address, lengths of the axes); the array is contiguous.
-    """
-
+    # A row of the table is (address, lengths of the axes); the array is contiguous.
     def view(typing_context: Any, table: Any, row: Any) -> Any:
         array = types.Array(kind, axes, "C")
 

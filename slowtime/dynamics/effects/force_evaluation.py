@@ -146,10 +146,8 @@ def _ridden(
     force: Float[np.ndarray, "time own"],
     rate_hz: float,
 ) -> tuple[Float[np.ndarray, "time own"], ...]:
-    """Motion from rest, velocity and acceleration under a force straight between samples.
-
-    What `simulate_structure` gives, without modes: there are few coordinates, and many runs.
-    """
+    """Motion from rest, velocity and acceleration under a force straight between samples."""
+    # What `simulate_structure` gives, without modes: there are few coordinates, and many runs.
     size = force.shape[1]
     mass, damping, stiffness = matrices
     flow = np.zeros((4 * size, 4 * size))

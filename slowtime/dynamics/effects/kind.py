@@ -256,17 +256,7 @@ def always(parameters: Mapping[str, float], motion: Motion) -> bool:
 
 
 def no_contradiction(parameters: Mapping[str, float]) -> str | None:
-    """Of kinds whose parameters may have any values together: no message.
-
-    Parameters
-    ----------
-    parameters
-        Parameters of the effect, by name, in their units.
-
-    Returns
-    -------
-    None.
-    """
+    """Of kinds whose parameters may have any values together: no message."""
     return None
 
 
@@ -276,19 +266,7 @@ def no_shapes(motion: Motion) -> list[Shape]:
 
 
 def no_guesses(mass_kg: float, frequencies_hz: Sequence[float]) -> list[Shape]:
-    """List no values to begin with: for kinds that a linear model says nothing about.
-
-    Parameters
-    ----------
-    mass_kg
-        Mass of the node [kg].
-    frequencies_hz
-        Undamped natural frequencies of the model [Hz].
-
-    Returns
-    -------
-    An empty list.
-    """
+    """List no values to begin with: for kinds that a linear model says nothing about."""
     return []
 
 

@@ -36,15 +36,6 @@ def law_shares(
 ) -> Float[np.ndarray, "gauge channel"]:
     """Share of the force of each law in the reading of each force sensor.
 
-    Parameters
-    ----------
-    channels
-        Number of each effect with a law, and its channel of force.
-    count
-        Channels in all.
-
-    Returns
-    -------
     Zero where a law acts elsewhere; laws at a node act on it from outside.
     """
     measured = [sensor for sensor in description.sensors if sensor.quantity == "force"]
@@ -66,10 +57,9 @@ def law_shares(
 def prescribed_friction(
     description: Description, effects: Sequence[Effect], kinds: Sequence[Kind]
 ) -> tuple[int, ...]:
-    """Numbers of effects of dry friction along elements whose ends are both prescribed.
-
-    It cannot stop such a motion, and so never sticks: its force follows from the motion alone.
-    """
+    """Numbers of effects of dry friction along elements whose ends are both prescribed."""
+    # It cannot stop such a motion, and so never sticks: its force follows from the motion
+    # alone.
     between = {part.id: part.between for part in description.elements}
     return tuple(
         i
@@ -92,18 +82,8 @@ def add_prescribed_friction(
 ) -> None:
     """Add the force of friction that never sticks to the measured forces, in place.
 
-    Parameters
-    ----------
-    values
-        Of all parameters, by name.
-    motion
-        Of every element and node.
-    outputs, slopes
-        Of the sensors, in their units; slopes are empty where none are asked for.
-    columns
-        Name of each free parameter → its column of the slopes.
-    factors
-        From SI to the unit of each sensor.
+    Slopes are empty where none are asked for; `columns` gives the column of each free
+    parameter, `factors` lead from SI to the unit of each sensor.
     """
     felt = [k for k, one in enumerate(description.sensors) if one.quantity == "force"]
     for i in prescribed_friction(description, effects, kinds) if felt else ():
@@ -136,20 +116,9 @@ def boundary_rows(
 ) -> None:
     """Write the rows and columns of supports and of measured forces, in place.
 
-    Parameters
-    ----------
-    a, b_u, b_y
-        Matrices of the state, of inputs and of forces, with the rows of the structure.
-    whole
-        Mass, damping and stiffness, each followed by its slopes.
-    names
-        Of the free coordinates.
-    against
-        Acceleration of each support against the base for one unit of each input.
-    base
-        By input, whether it moves the base.
-    shares
-        Of laws in measured forces.
+    Matrices a, b_u and b_y have the rows of the structure; `whole` is mass, damping and
+    stiffness, each followed by its slopes. `against` is the acceleration of each support
+    against the base for one unit of each input, `base` whether an input moves the base.
     """
     free, gauges = len(names), len(shares)
     moved = whole.shape[2] - free - 1 - gauges
@@ -190,12 +159,7 @@ def pseudo_static(
 
     Where they do not decide it, as of a body on dampers alone, the least.
 
-    Parameters
-    ----------
-    stiffness
-        Matrix over all coordinates [N/m], followed by its slopes.
-    free, moved
-        Number of free coordinates, and of supports.
+    The matrix is over all coordinates [N/m], followed by its slopes.
 
     References
     ----------

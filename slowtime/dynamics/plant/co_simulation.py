@@ -57,10 +57,7 @@ class CommunicationPoint:
 def check_co_simulation(plant: Plant) -> None:
     """Refuse a plant that cannot be advanced without knowledge of later inputs.
 
-    Raises
-    ------
-    ValueError
-        Naming the input or effect that needs a whole record, and what to do.
+    Raises `ValueError`, naming the input or effect that needs a whole record, and what to do.
     """
     description = plant.description
     if not description.inputs and not description.initial:
@@ -141,16 +138,7 @@ def _is_memoryless(action: InputChange | SensorChange, own: Float[np.ndarray, " 
 def starting_instant(plant: Plant, state: State | None, time_s: float) -> CommunicationPoint:
     """Return the first communication point.
 
-    Parameters
-    ----------
-    state
-        In the order of `Plant.state_names`, in SI units; at rest where None.
-    time_s
-        Campaign time [s].
-
-    Returns
-    -------
-    The instant, with a base that rests.
+    The state is at rest where None, and the base rests.
     """
     found = np.zeros(len(plant.state_names)) if state is None else np.array(state, dtype=float)
     return CommunicationPoint(found, np.zeros(2), time_s, _speed(plant, found))
@@ -159,21 +147,7 @@ def starting_instant(plant: Plant, state: State | None, time_s: float) -> Commun
 def outputs_at(
     plant: Plant, values: Values, now: CommunicationPoint, inputs: Float[np.ndarray, " input"]
 ) -> Outputs:
-    """Compute what the sensors measure at an instant.
-
-    Parameters
-    ----------
-    values
-        Values of all parameters, in their order.
-    now
-        Instant of the outputs.
-    inputs
-        Inputs at that instant, in the units of the description.
-
-    Returns
-    -------
-    One number for each sensor, in its unit.
-    """
+    """Compute what the sensors measure at an instant."""
     run = plant.run(values, inputs[None], 1.0, state0=now.state, start_s=now.time_s)
     outputs = np.asarray(run.outputs[0])
     readouts = sensor_readouts(plant.description, plant.matrices.names)
@@ -192,27 +166,8 @@ def advanced(
 ) -> CommunicationPoint:
     """Advance a plant by one step, over which its inputs keep their values.
 
-    Parameters
-    ----------
-    values
-        Values of all parameters, in their order.
-    now
-        Instant at the beginning of the step.
-    inputs
-        Inputs from that instant on, in the units of the description.
-    step_s
-        Length of the step [s].
-
-    Returns
-    -------
-    The instant at the end of the step.
-
-    Raises
-    ------
-    ValueError
-        Where the step has no length.
-    ArithmeticError
-        Where the motion grows beyond bounds.
+    Inputs are those from `now` on, in the units of the description. Raises `ValueError` where
+    the step has no length, and `ArithmeticError` where the motion grows beyond bounds.
     """
     if not 0 < step_s < math.inf:
         raise ValueError(f"{step_s=} is no length of a step. Give seconds, above 0.")
@@ -244,10 +199,8 @@ def _speed(plant: Plant, state: State) -> float:
 
 
 def _set_sticking(plant: Plant, state: State, still: float) -> None:
-    """Set the sliding speed of friction that sticks to exactly zero, in place.
-
-    A run begins with sliding where a speed is not zero, and speeds of sticking are rounding.
-    """
+    """Set the sliding speed of friction that sticks to exactly zero, in place."""
+    # A run begins with sliding where a speed is not zero, and speeds of sticking are rounding.
     for row in plant.layout.table:
         if not row[FRICTION]:
             continue
@@ -259,10 +212,5 @@ def _set_sticking(plant: Plant, state: State, still: float) -> None:
 
 
 def adjustable(plant: Plant) -> tuple[Name, ...]:
-    """Return the names of the parameters that may change between steps.
-
-    Returns
-    -------
-    Names of what is estimated in fits, in the order of `Plant.parameters`.
-    """
+    """Return the names of the parameters that may change between steps."""
     return tuple(name for name, entry in plant.entries.items() if entry.fitted)

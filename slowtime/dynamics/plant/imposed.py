@@ -42,8 +42,6 @@ class Driven:
 
     Parameters
     ----------
-    coefficients
-        Forces [N] and accelerations [m/s²] over the share of the sample interval.
     start
         Displacement [m] and velocity [m/s] of each input at the first sample; zero where it
         does not tell them.
@@ -69,20 +67,7 @@ def driven_by(
 ) -> Driven:
     """Interpolate inputs, and differentiate those that are displacements or velocities.
 
-    Parameters
-    ----------
-    columns
-        Inputs, in SI units.
-    holds
-        Hold of each input: ``"zero"``, ``"first"`` or ``"band_limited"``.
-    times
-        How often each is differentiated: 0, 1 or 2.
-    interval
-        Sample interval [s].
-
-    Returns
-    -------
-    Inputs that drive a plant.
+    Columns are in SI units; `times` says how often each is differentiated: 0, 1 or 2.
     """
     start = np.zeros((2, len(times)))
     if not holds:

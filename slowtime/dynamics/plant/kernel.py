@@ -220,11 +220,9 @@ def has_events(system: KernelArrays) -> bool:
 
 
 def memory_table(system: KernelArrays, now: Workspace) -> Whole:
-    """Return address and shape of each array, one row per array, then addresses of routines.
-
-    Compiled functions take this one table as `store`; with the arrays as arguments, compiling
-    takes five times as long. The arrays must outlive the table.
-    """
+    """Return address and shape of each array, one row per array, then addresses of routines."""
+    # Compiled functions take this one table as `store`; with the arrays as arguments, compiling
+    # takes five times as long. The arrays must outlive the table.
     arrays = len(system) + len(now)
     found = np.zeros((arrays + len(ROUTINES), 5), dtype=np.int64)
     found[arrays:, 0] = ROUTINES.addresses(rare=has_events(system))
@@ -323,12 +321,7 @@ def address(matrix: Reals, row: int, column: int) -> int:
 def linear_slopes(store: Whole, shares: Reals, slopes: Reals) -> None:
     """Multiply slopes of a matrix to linear parameters by a column.
 
-    Parameters
-    ----------
-    shares
-        Factor of each column of the matrix [column].
-    slopes
-        Slopes of the matrix, laid out by column [column, row and parameter].
+    Slopes are laid out by column [column, row and parameter]; there is a share for each column.
     """
     found = line(store, LINEAR_SLOPE_PRODUCT)
     width = slopes.shape[1]
@@ -354,16 +347,8 @@ def propagate_slopes(
 ) -> None:
     """Compute the slopes of a matrix times the state, and add those of `linear_slopes`.
 
-    Parameters
-    ----------
-    matrix
-        The matrix [row, column]; its first columns belong to the state.
-    linear
-        Number of slopes to linear parameters, in whole rounds.
-    slope
-        Slopes of the state [state, slope].
-    found
-        Slopes of the product [row, slope]; written.
+    The first columns of the matrix belong to the state; `linear` is the number of slopes to
+    linear parameters, in whole rounds; `found` [row, slope] is written.
     """
     own, zeros = line(store, LINEAR_SLOPE_PRODUCT), line(store, ZEROS)
     states, width = slope.shape
@@ -398,14 +383,7 @@ def solve(store: Whole, matrix: Reals, right: Reals, size: int) -> None:
     Each row counts relative to its largest element: the row of a law that is silent, as before
     it begins, stays a row of the unit matrix beside one whose slopes are large.
 
-    Parameters
-    ----------
-    matrix
-        Matrix [row, column]; overwritten.
-    right
-        Right sides [row, side]; overwritten by the solutions.
-    size
-        Number of leading rows that make the system.
+    Both are overwritten, the right sides by the solutions; `size` leading rows make the system.
     """
     sides = right.shape[1]
     for k in range(size):
@@ -440,22 +418,8 @@ def solve(store: Whole, matrix: Reals, right: Reals, size: int) -> None:
 def law_value(law: int, row: Whole, mode: float, w: Reals, t: float, p: Reals) -> float:
     """Evaluate one channel of one effect; that of sliding friction has its sign.
 
-    Parameters
-    ----------
-    law
-        Address of the compiled law.
-    row
-        Row of the table of effects.
-    mode
-        Mode of friction: 1 or -1 where it slides, 0 where it sticks.
-    w
-        Observations of the state that laws see [observation].
-    p
-        Parameters of all laws [parameter].
-
-    Returns
-    -------
-    Force [N], or rate of an internal state.
+    Gives a force [N], or the rate of an internal state. The mode of friction is 1 or -1 where
+    it slides, 0 where it sticks.
     """
     seen = row[FIRST_OBSERVATION]
     z, own = w.ctypes.data + 8 * (seen + 2), p.ctypes.data + 8 * row[FIRST_PARAMETER]
@@ -470,16 +434,7 @@ def law_value(law: int, row: Whole, mode: float, w: Reals, t: float, p: Reals) -
 def law_values(store: Whole, modes: Reals, w: Reals, t: float, y: Reals, first: int) -> None:
     """Evaluate all channels; of friction that sticks, the largest force that it holds.
 
-    Parameters
-    ----------
-    modes
-        Mode of each effect [effect].
-    w
-        Observations of the state that laws see [observation].
-    y
-        Column that takes the channels [row, 1]; written.
-    first
-        Row of the first channel.
+    Column `y` takes the channels from row `first` on.
     """
     table, laws = whole_grid(store, EFFECT_TABLE), whole_line(store, LAWS)
     p = line(store, P)
@@ -493,14 +448,7 @@ def law_values(store: Whole, modes: Reals, w: Reals, t: float, y: Reals, first: 
 def law_slopes(store: Whole, w: Reals, t: float, point: int, every: bool) -> None:
     """Differentiate all channels to observations and parameters, by central differences.
 
-    Parameters
-    ----------
-    w
-        Observations of the state that laws see [observation].
-    point
-        Index of the Radau point whose slopes are written.
-    every
-        Whether slopes to parameters are wanted, and not only those to observations.
+    Slopes of the Radau point are written; those to parameters only where `every` is set.
     """
     table, laws = whole_grid(store, EFFECT_TABLE), whole_line(store, LAWS)
     column, modes = whole_line(store, PARAMETER_SLOPE), line(store, MODES)
@@ -542,18 +490,8 @@ def apply_chain_rule(
 ) -> None:
     """Apply the chain rule from observations to forces; zero for friction that sticks.
 
-    Parameters
-    ----------
-    point
-        Index of the Radau point.
-    slope_w
-        Slopes of the observations [row, slope].
-    at
-        Row of the first observation.
-    slope_y
-        Slopes of the forces [row, slope]; written.
-    first
-        Row of the first channel.
+    Observations begin at row `at` of `slope_w`, forces at row `first` of `slope_y`, which is
+    written.
     """
     table, column = whole_grid(store, EFFECT_TABLE), whole_line(store, PARAMETER_SLOPE)
     modes, by_seen = line(store, MODES), cube(store, OBSERVATION_DERIVATIVES)
@@ -581,14 +519,7 @@ def apply_chain_rule(
 def add_sticking_forces(store: Whole, rates: Reals, v: Reals, right: Reals) -> None:
     """Add the forces that keep the speeds of sticking friction, and their effect on the rates.
 
-    Parameters
-    ----------
-    rates
-        Rates of the state, or their slopes [state, side]; changed.
-    v
-        State, inputs and forces, or their slopes [row, side]; forces are written.
-    right
-        Room for the right sides [friction, side].
+    Rates [state, side] are changed, forces in `v` [row, side] are written.
     """
     table, laws = whole_grid(store, EFFECT_TABLE), whole_line(store, LAWS)
     seeing, matrix = grid(store, OBSERVATION), grid(store, RATE_MATRIX)
@@ -627,13 +558,7 @@ def add_sticking_forces(store: Whole, rates: Reals, v: Reals, right: Reals) -> N
 
 @ROUTINES.define(NOTHING(STORE, LINE))
 def observe(store: Whole, x: Reals) -> None:
-    """Compute the observations that laws take from a state.
-
-    Parameters
-    ----------
-    x
-        State [state].
-    """
+    """Compute the observations that laws take from a state."""
     seeing, w, zeros = (
         grid(store, OBSERVATION_COLUMNS),
         line(store, OBSERVED),
@@ -647,13 +572,7 @@ def observe(store: Whole, x: Reals) -> None:
 
 @ROUTINES.define(NOTHING(STORE, LINE, REAL, GRID, REAL))
 def state_rate(store: Whole, x: Reals, t: float, coefficients: Reals, s: float) -> None:
-    """Compute all forces at one instant, those of sticking too, and the rate of the state.
-
-    Parameters
-    ----------
-    x
-        State [state].
-    """
+    """Compute all forces at one instant, those of sticking too, and the rate of the state."""
     table, laws = whole_grid(store, EFFECT_TABLE), whole_line(store, LAWS)
     matrix, modes = grid(store, RATE_COLUMNS), line(store, MODES)
     v, rate, zeros = grid(store, COMBINED), grid(store, RATE), line(store, ZEROS)
@@ -683,12 +602,7 @@ def state_rate(store: Whole, x: Reals, t: float, coefficients: Reals, s: float) 
 def needed_rate_slopes(store: Whole, slope: Reals, found: Reals) -> None:
     """Compute slopes of the needed rates, as `linear_slopes` and `propagate_slopes` would.
 
-    Parameters
-    ----------
-    slope
-        Slopes of the state [state, slope].
-    found
-        Slopes of the rates [state, slope]; written where they are needed.
+    They are written to `found` where they are needed.
     """
     needed, matrix = whole_line(store, NEEDED_RATES), grid(store, RATE_MATRIX)
     slopes, shares = grid(store, RATE_MATRIX_SLOPES), line(store, COMBINED)
@@ -718,12 +632,7 @@ def state_rate_slopes(
 ) -> None:
     """Compute the slopes of the forces and rates that `state_rate` has just computed.
 
-    Parameters
-    ----------
-    slope
-        Slopes of the state [state, slope].
-    every
-        Whether rates of all states are wanted, and not only those of `needed_rates`.
+    Rates of all states are wanted where `every` is set, and not only those of `needed_rates`.
     """
     laws, driven = whole_line(store, LAWS), whole_grid(store, DRIVEN_INPUTS)
     seeing, matrix = grid(store, OBSERVATION), grid(store, RATE_MATRIX)
@@ -808,12 +717,7 @@ def runge_kutta_step(
 ) -> None:
     """Take a step by the classical Runge-Kutta rule of order 4; the result is in `next_state`.
 
-    Parameters
-    ----------
-    width
-        Length of the step over the sample interval [1].
-    slopes
-        Number of slopes to carry along.
+    `width` is the length of the step over the sample interval [1]; `slopes` are carried along.
     """
     x, slope = line(store, STATE), grid(store, STATE_SLOPES)
     rate, slope_rate = grid(store, RATE), grid(store, RATE_SLOPES)
@@ -845,15 +749,6 @@ def event_distance(
 ) -> float:
     """Distance of friction from its next event.
 
-    Parameters
-    ----------
-    i
-        Index of the effect.
-    x
-        State [state].
-
-    Returns
-    -------
     Speed in its direction [m/s] while it slides, force to spare [N] while it sticks.
     """
     table, laws = whole_grid(store, EFFECT_TABLE), whole_line(store, LAWS)
@@ -881,14 +776,8 @@ def pass_event(
 ) -> None:
     """Change the mode of one friction, or pass a jump; slopes jump with the rate.
 
-    Parameters
-    ----------
-    which
-        Index of the effect whose friction changes its mode; -1 for none.
-    jump
-        Index of the instant at which a law jumps; -1 for none.
-    hair
-        Time between the event and the instants called before and after it [s].
+    `which` is the effect whose friction changes its mode, `jump` the instant at which a law
+    jumps; -1 for none.
     """
     table, laws = whole_grid(store, EFFECT_TABLE), whole_line(store, LAWS)
     jump_columns, seeing = whole_line(store, JUMP_SLOPES), grid(store, OBSERVATION)
@@ -930,13 +819,7 @@ def pass_event(
 def step_through_events(
     store: Whole, t: float, h: float, coefficients: Reals, s: float, width: float
 ) -> None:
-    """Take a shortest step, and locate every event within it.
-
-    Parameters
-    ----------
-    width
-        Length of the step over the sample interval [1].
-    """
+    """Take a shortest step, and locate every event within it."""
     table, jumps = whole_grid(store, EFFECT_TABLE), line(store, JUMP_TIMES)
     x, slope = line(store, STATE), grid(store, STATE_SLOPES)
     x_1, s_1 = line(store, NEXT_STATE), grid(store, NEXT_SLOPES)
@@ -1017,14 +900,7 @@ def collocation_step(store: Whole, level: int, t: float, h: float, tolerance: fl
     The error is that of the forces at the beginning, over the largest so far, in units of the
     tolerance; infinity stands for an event, or for no convergence.
 
-    Parameters
-    ----------
-    tolerance
-        Error that counts as one, over the largest force so far [1].
-
-    Returns
-    -------
-    Error of the forces at the beginning, in units of the tolerance; or infinity.
+    The tolerance is an error over the largest force so far [1].
     """
     table, laws = whole_grid(store, EFFECT_TABLE), whole_line(store, LAWS)
     p, matrix = line(store, P), grid(store, RATE_MATRIX)
@@ -1192,14 +1068,7 @@ def accept_step(store: Whole, level: int, t: float, h: float) -> None:
 def restrict_polynomials(coefficients: Reals, s: float, width: float, part: Reals) -> None:
     """Convert polynomials over the sample interval to polynomials over a part of it.
 
-    Parameters
-    ----------
-    s
-        Beginning of the part, over the sample interval [1].
-    width
-        Length of the part, over the sample interval [1].
-    part
-        Polynomials over the part [input, power]; written.
+    The part begins at `s`, and is `width` long, over the sample interval [1].
     """
     inputs, powers = coefficients.shape
     for i in range(inputs):

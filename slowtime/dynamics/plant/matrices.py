@@ -56,12 +56,6 @@ class MatrixParts:
         Names of beams, whose damping is their stiffness times a parameter.
     hidden
         By number of the effect: its law, and where its own coordinates stand in the whole.
-    names
-        Of the free coordinates, hidden ones too.
-    moved
-        Names of what inputs move.
-    gauges
-        One for each force sensor.
     ridden
         Name of the element that each hidden effect works along; None at a node.
     """
@@ -124,19 +118,7 @@ class MatrixParts:
         )
 
     def at(self, values: Mapping[Name, float], kinds: list[Kind]) -> Triple:
-        """Compute mass, damping and stiffness at values of the parameters.
-
-        Parameters
-        ----------
-        values
-            Values of all parameters, by name, in SI units.
-        kinds
-            Kind of each effect.
-
-        Returns
-        -------
-        Mass, damping and stiffness over all coordinates, in SI units.
-        """
+        """Compute mass, damping and stiffness at values of the parameters."""
         whole = self.constant.copy()
         for name, unit in self.units.items():
             whole += values[name] * unit
@@ -153,21 +135,7 @@ class MatrixParts:
         return whole
 
     def slope(self, name: Name, values: Mapping[Name, float], kinds: list[Kind]) -> Triple:
-        """Differentiate the matrices to one parameter.
-
-        Parameters
-        ----------
-        name
-            Name of the parameter.
-        values
-            Values of all parameters, by name, in SI units.
-        kinds
-            Kind of each effect.
-
-        Returns
-        -------
-        Derivatives of mass, damping and stiffness, in SI units.
-        """
+        """Differentiate the matrices to one parameter."""
         if len(name) == 3:
             _, i, key = name
             action, to = self.hidden[i]
@@ -191,15 +159,9 @@ class MatrixParts:
     def _measure(
         self, whole: Triple, values: Mapping[Name, float], inner: Mapping[int, np.ndarray]
     ) -> None:
-        """Write the rows of the force sensors, in place.
-
-        Parameters
-        ----------
-        values
-            Of the constants whose share is wanted.
-        inner
-            By number of a hidden effect: the forces in its own coordinates (3, own, own).
-        """
+        """Write the rows of the force sensors, in place."""
+        # `values` are those of the constants whose share is wanted; `inner` gives, by number of
+        # a hidden effect, the forces in its own coordinates.
         first = whole.shape[1] - len(self.gauges)
         for k, gauge in enumerate(self.gauges):
             if gauge.element is None:
@@ -214,13 +176,7 @@ class MatrixParts:
 
 
 def rows_of(description: Description, base: int) -> dict[str, int | None]:
-    """Row of each coordinate in the whole: see `MatrixParts`.
-
-    Parameters
-    ----------
-    base
-        Row of the base, behind the free coordinates.
-    """
+    """Row of each coordinate in the whole: see `MatrixParts`."""
     held = len(description.dofs)
     found = {name: base if row == held else row for name, row in places(description).items()}
     return found | {name: base + 1 + k for k, name in enumerate(description.moved)}

@@ -44,24 +44,8 @@ def acting(
 ) -> tuple[Float[np.ndarray, "time input"], list[tuple[Name, int, Series]]]:
     """Convert recorded inputs to those that act, and differentiate these to free parameters.
 
-    Parameters
-    ----------
-    description
-        Structure, with the units of its inputs.
-    effects, kinds
-        Effects, and the kind of each; those of kind `InputChange` alter an input.
-    values
-        Values of all parameters, by name.
-    inputs
-        Recorded inputs, in the units of the description.
-    times
-        Campaign time of the samples [s].
-    free
-        Names of the parameters to differentiate to.
-
-    Returns
-    -------
-    Inputs that act, in SI units, and for each derivative its parameter, column and series.
+    Effects of kind `InputChange` alter an input. Gives inputs in SI units, and for each
+    derivative its parameter, column and series.
     """
     acts, slopes = np.empty_like(inputs, dtype=float), []
     for column, entry in enumerate(description.inputs):
@@ -86,19 +70,7 @@ def acting(
 
 
 def held(columns: Float[np.ndarray, "time input"], holds: Sequence[str]) -> Polynomials:
-    """Compute the polynomials of every input between samples, up to the powers that are used.
-
-    Parameters
-    ----------
-    columns
-        Inputs, in SI units.
-    holds
-        Hold of each input: ``"zero"``, ``"first"`` or ``"band_limited"``.
-
-    Returns
-    -------
-    Coefficients over the share of the sample interval [time, input, power].
-    """
+    """Compute the polynomials of inputs between samples, up to the powers that are used."""
     powers = max({"zero": 1, "first": 2}.get(hold, 6) for hold in holds)
     found = [
         _cached_polynomials(column.tobytes(), hold, powers)
@@ -124,18 +96,8 @@ def base_of(
 ) -> Base:
     """Integrate a base acceleration that is polynomial between samples.
 
-    Parameters
-    ----------
-    along
-        Coefficients over the share of the sample interval [m/s^2], with their slopes.
-    interval
-        Sample interval [s].
-    start
-        Displacement [m] and velocity [m/s] at the first sample, with their slopes.
-
-    Returns
-    -------
-    Displacement [m], velocity [m/s] and acceleration [m/s^2] at the samples, with their slopes.
+    Coefficients are over the share of the sample interval, with their slopes; displacement [m],
+    velocity [m/s] and acceleration [m/s^2] at the samples have theirs.
     """
     powers = np.arange(along.shape[1])[:, None]
     gained = interval * np.sum(along / (powers + 1), axis=1)
@@ -174,13 +136,6 @@ class SensorReadout:
         """Return the index of the state whose value or, from order 2, rate is read.
 
         None where nothing moves.
-
-        Parameters
-        ----------
-        free
-            Number of free coordinates.
-        states, moved, gauges
-            Number of states, of supports and of force sensors.
         """
         if self.gauge is not None:
             return states - gauges + self.gauge
@@ -230,22 +185,7 @@ def apply_sensor_effects(
 ) -> None:
     """Apply the sensor effects to the outputs and to their slopes, in place.
 
-    Parameters
-    ----------
-    description
-        Structure, with its sensors.
-    effects, kinds
-        Effects, and the kind of each; those of kind `SensorChange` alter an output.
-    values
-        Values of all parameters, by name.
-    outputs
-        Outputs in the sensors' units; overwritten.
-    times
-        Campaign time of the samples [s].
-    slopes
-        Slopes of the outputs; overwritten. Empty where none are asked for.
-    columns
-        Name of each free parameter → its column of the slopes.
+    Slopes are empty where none are asked for; `columns` gives that of each free parameter.
     """
     for i, effect in enumerate(effects):
         action = kinds[i].action
@@ -277,24 +217,9 @@ def add_record_offsets(
 ) -> None:
     """Add to the outputs the offsets of sensors in this record, in place.
 
-    Parameters
-    ----------
-    description
-        Structure, with its sensors.
-    effects, kinds
-        Effects, and the kind of each; those of action `RecordOffset` on sensors are read.
-    values
-        Values of all parameters, by name.
-    coordinates
-        Number of free coordinates.
-    states
-        Of the run; internal states follow displacements and velocities.
-    outputs
-        Outputs in the sensors' units; overwritten.
-    slopes
-        Slopes of the outputs; overwritten. Empty where none were requested.
-    first
-        Column of the slopes that belongs to the first number of the state.
+    Effects of action `RecordOffset` on sensors are read, from the internal states behind
+    displacements and velocities. The first number of the state has the column `first` of the
+    slopes.
     """
     channels = [sensor.channel for sensor in description.sensors]
     at = 2 * coordinates

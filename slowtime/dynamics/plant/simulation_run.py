@@ -56,10 +56,6 @@ class PlantRun:
         By name, displacement, velocity and acceleration of what inputs move, against the base.
     forces
         Of laws, and rates of what they remember.
-    base
-        Acceleration of the base [m/s^2].
-    times
-        Campaign time [s].
     steps
         How many were taken, those tried in vain too; negative where the motion grew beyond
         bounds.
@@ -94,37 +90,8 @@ def run(
 ) -> PlantRun:
     """Simulate a plant; see `Plant.run`.
 
-    Parameters
-    ----------
-    description
-        Structure, with its inputs and sensors.
-    effects, kinds
-        Effects, and the kind of each.
-    matrices
-        Parts of mass, damping and stiffness.
-    layout
-        Places of laws, inputs and states.
-    values
-        Values of all parameters, by name; NaN stands for the end of the record.
-    inputs
-        One column for each input of the description, in its unit.
-    rate_hz
-        Sampling rate [Hz].
-    free
-        Names of the parameters to differentiate to; None for no derivatives.
-    state0
-        State at the first sample, in SI units; where not given, at rest against the base and
-        carried along by the supports.
-    start_s
-        Campaign time of the first sample [s].
-    base
-        Acceleration of the base beyond what was measured [m/s^2].
-    hold
-        Hold of inputs that name none: ``"zero"``, ``"first"`` or ``"band_limited"``.
-
-    Returns
-    -------
-    Outputs, states, forces and derivatives; NaN from where the motion grew beyond bounds.
+    Values are by name; NaN stands for the end of the record. Outputs are NaN from where the
+    motion grew beyond bounds.
     """
     samples, interval = len(inputs), 1 / rate_hz
     times = start_s + np.arange(samples) / rate_hz

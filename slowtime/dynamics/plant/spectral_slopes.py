@@ -51,11 +51,9 @@ def has_spectral_slopes(
     matrices: MatrixParts,
     free: Sequence[Name],
 ) -> bool:
-    """Whether all is linear, driven by forces or the base alone, and read by plain sensors.
-
-    Of reduced models only, whose motion is sampled finely: their modes end at the band of the
-    records.
-    """
+    """Whether all is linear, driven by forces or the base alone, and read by plain sensors."""
+    # Of reduced models only, whose motion is sampled finely: their modes end at the band of the
+    # records.
     return (
         any(isinstance(part, Matrix) for part in description.elements)
         and len(matrices.names) >= LEAST_COORDINATES
@@ -77,16 +75,8 @@ def spectral_slopes(
 ) -> Slopes | None:
     """Differentiate a run's readings to free parameters and to the first state.
 
-    Parameters
-    ----------
-    kinds
-        Kind of each effect.
-    run
-        Of the plant at these values, without derivatives.
-
-    Returns
-    -------
-    None where modes do not span all motion.
+    The run is that of the plant at these values, without derivatives. None where modes do not
+    span all motion.
     """
     count = len(matrices.names)
     mass, damping, stiffness = matrices.at(values, list(kinds))[:, :count, :count]
@@ -191,11 +181,9 @@ def _forces(
 def _closed(
     series: Float[np.ndarray, "time column"], length: int
 ) -> Float[np.ndarray, "longer column"]:
-    """Continue series smoothly to where they began, so that they are periodic without a jump.
-
-    Both ends are continued by odd reflection, and one fades into the other. What comes after
-    the record changes nothing within it.
-    """
+    """Continue series smoothly to where they began: periodic, and without a jump."""
+    # Both ends are continued by odd reflection, and one fades into the other. What comes after
+    # the record changes nothing within it.
     more = length - len(series)
     ahead = 2 * series[-1] - series[-2 : -2 - more : -1]
     back = 2 * series[0] - series[more:0:-1]

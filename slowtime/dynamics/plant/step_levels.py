@@ -54,20 +54,8 @@ class Steps:
 def levels_of(a: Stack, b: Stack, interval: float, powers: int, *, deep: bool) -> Steps:
     r"""Compute the propagators over a sample interval and, if `deep`, over its half and so on.
 
-    Parameters
-    ----------
-    a, b
-        Matrices of :math:`\dot x = A x + B u`, then their slopes.
-    interval
-        Sample interval [s].
-    powers
-        Of the polynomials, from 0.
-    deep
-        Whether to halve it as often as events need.
-
-    Returns
-    -------
-    Steps of all lengths.
+    Matrices are those of :math:`\dot x = A x + B u`, then their slopes. With `deep`, the
+    interval is halved as often as events need.
     """
     fastest = float(np.abs(np.linalg.eigvals(a[0])).max(initial=0.0))
     needed = max(0, math.ceil(math.log2(max(fastest * interval / REACH, 1.0))))
@@ -87,14 +75,7 @@ def product(
 ) -> Float[np.ndarray, "*_c slope _ _"]:
     """Multiply two matrices, and their slopes by the product rule.
 
-    Parameters
-    ----------
-    first, second
-        Matrices, each followed by its slopes; leading axes are broadcast.
-
-    Returns
-    -------
-    Product, followed by its slopes.
+    Leading axes are broadcast.
     """
     found = first[..., :1, :, :] @ second
     found[..., 1:, :, :] += first[..., 1:, :, :] @ second[..., :1, :, :]

@@ -166,10 +166,8 @@ def layout_of(
 
 
 def addresses_of(layout: Layout, kinds: Sequence[Kind]) -> Int[np.ndarray, " channel"]:
-    """Load the machine code of all laws into this process.
-
-    An address holds in one process only, so that it is no part of a layout.
-    """
+    """Load the machine code of all laws into this process."""
+    # An address holds in one process only, so that it is no part of a layout.
     found: list[int] = []
     for i in layout.acting:
         action = kinds[i].action
@@ -185,20 +183,8 @@ def state_matrices(
 ) -> tuple[Stack, Stack, Stack]:
     """Compute A, B of inputs and B of forces, each followed by its slopes.
 
-    Parameters
-    ----------
-    layout
-        Places of laws, inputs and states.
-    names
-        Names of the free coordinates.
-    triples
-        Mass, damping and stiffness, then their slopes.
-    unmeasured
-        Whether one more input stands for a motion of the base.
-
-    Returns
-    -------
-    A, B of inputs and B of forces, each followed by its slopes.
+    Triples are mass, damping and stiffness, then their slopes. With `unmeasured`, one more
+    input stands for a motion of the base.
     """
     free = len(names)
     whole = np.array(triples)
@@ -264,20 +250,7 @@ def big_matrices(
 ) -> tuple[Float[np.ndarray, "level row column"], Float[np.ndarray, "level column spread"]]:
     """Lay out the steps of every level as in `kernel.System`.
 
-    Parameters
-    ----------
-    layout
-        Places of laws, inputs and states.
-    a, b_u, b_y
-        Matrices of the state, of inputs and of forces, each followed by its slopes.
-    interval
-        Sample interval [s].
-    powers
-        Number of coefficients of the inputs' polynomials.
-
-    Returns
-    -------
-    Matrices of the steps, and their slopes to linear parameters.
+    Gives matrices of the steps, and their slopes to linear parameters.
     """
     deep = layout.channels > 0
     inputs, channels = b_u.shape[2], b_y.shape[2]
@@ -311,17 +284,7 @@ def big_matrices(
 def turned(
     matrices: Float[np.ndarray, "*level row column"],
 ) -> Float[np.ndarray, "*level column longer"]:
-    """Transpose matrices, and pad their rows so that a round may begin at any of them.
-
-    Parameters
-    ----------
-    matrices
-        Matrices, in any number of levels.
-
-    Returns
-    -------
-    Transposed and padded matrices.
-    """
+    """Transpose matrices, and pad their rows so that a round may begin at any of them."""
     *levels, rows, columns = matrices.shape
     found = np.zeros((*levels, columns, padded_count(rows) + ROUND))
     found[..., :rows] = np.swapaxes(matrices, -1, -2)
@@ -333,14 +296,7 @@ def slopes_by_column(
 ) -> Float[np.ndarray, "*level column spread"]:
     """Lay out the slopes of matrices by column, as in `kernel.System`.
 
-    Parameters
-    ----------
-    slopes
-        Slopes of matrices to each linear parameter.
-
-    Returns
-    -------
-    One row for each column of the matrices, padded with zeros.
+    There is one row for each column of the matrices, padded with zeros.
     """
     *levels, linear, rows, columns = slopes.shape
     found = np.zeros((*levels, columns, rows, padded_count(linear)))

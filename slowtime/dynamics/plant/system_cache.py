@@ -37,14 +37,10 @@ class Settings:
     ----------
     layout, matrices, kinds
         Of one plant; the first two distinguish plants.
-    values
-        Of all parameters, by the order of the plant.
     linear, laws
         Parameters to which slopes are computed: those of the matrices, and of laws.
     driven
         Parameters that change an input, and the column of that input.
-    interval
-        Between samples [s].
     powers
         Number of coefficients of the polynomials that inputs are between samples.
     unmeasured
@@ -77,11 +73,9 @@ def is_linear(name: Name, matrices: MatrixParts) -> bool:
 
 @functools.lru_cache(maxsize=KEPT)
 def system_of(settings: Settings) -> KernelArrays:
-    """Assemble a system, or return a cached one: a run leaves it unchanged.
-
-    A run varies a parameter of a law while it differentiates it. No other run sees that:
-    compiled code holds the interpreter lock.
-    """
+    """Assemble a system, or return a cached one: a run leaves it unchanged."""
+    # A run varies a parameter of a law while it differentiates it. No other run sees that:
+    # compiled code holds the interpreter lock.
     layout, values, order = settings.layout, dict(settings.values), settings.order
     triples = _triples(settings, values)
     a, b_u, b_y = state_matrices(

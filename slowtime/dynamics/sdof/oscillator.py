@@ -40,21 +40,7 @@ class Oscillator:
     def from_modal(
         cls, frequency_hz: float, damping_ratio: float, mass_kg: float = 1.0
     ) -> "Oscillator":
-        """Oscillator with given modal parameters.
-
-        Parameters
-        ----------
-        frequency_hz
-            Undamped natural frequency [Hz].
-        damping_ratio
-            Damping ratio [1].
-        mass_kg
-            Mass [kg].
-
-        Returns
-        -------
-        Oscillator.
-        """
+        """Oscillator with given modal parameters."""
         omega = 2 * math.pi * frequency_hz
         return cls(mass_kg, 2 * damping_ratio * omega * mass_kg, omega**2 * mass_kg)
 
@@ -105,17 +91,7 @@ class Oscillator:
 
 
 def logarithmic_decrement(damping_ratio: float) -> float:
-    r"""Logarithm of the ratio of successive peaks, :math:`2 \pi \zeta / \sqrt{1 - \zeta^2}`.
-
-    Parameters
-    ----------
-    damping_ratio
-        Damping ratio [1].
-
-    Returns
-    -------
-    Decrement [1].
-    """
+    r"""Logarithm of the ratio of successive peaks, :math:`2 \pi \zeta / \sqrt{1 - \zeta^2}`."""
     if not 0 <= damping_ratio < 1:
         raise ValueError(
             f"{damping_ratio=} is outside [0, 1), where an oscillator has successive peaks. "
@@ -130,21 +106,8 @@ def resonance(damping_ratio: float, quantity: str = "displacement") -> float:
     Displacement peaks at :math:`\sqrt{1 - 2 \zeta^2}`, velocity at 1 and acceleration at
     :math:`1 / \sqrt{1 - 2 \zeta^2}`; none of them at the damped frequency.
 
-    Parameters
-    ----------
-    damping_ratio
-        Damping ratio [1].
-    quantity
-        Displacement, velocity or acceleration.
-
-    Returns
-    -------
-    Frequency ratio [1].
-
-    Raises
-    ------
-    ValueError
-        If there is no such peak, as of displacement beyond :math:`\zeta = 1 / \sqrt 2`.
+    Raises `ValueError` if there is no such peak, as of displacement beyond :math:`\zeta = 1 /
+    \sqrt 2`.
     """
     if quantity == "velocity":
         return 1.0

@@ -20,17 +20,6 @@ Samples = Float[np.ndarray, " sample"]
 def small_angle_period(length_m: float, gravity: float = GRAVITY) -> float:
     r"""Period of a small swing, :math:`2 \pi \sqrt{L / g}` (eq. 1.5).
 
-    Parameters
-    ----------
-    length_m
-        Length [m].
-    gravity
-        Acceleration of gravity [m/s^2].
-
-    Returns
-    -------
-    Period [s].
-
     Examples
     --------
     >>> round(small_angle_period(1.0, 9.81), 6)
@@ -41,19 +30,6 @@ def small_angle_period(length_m: float, gravity: float = GRAVITY) -> float:
 
 def period(amplitude: float, length_m: float, gravity: float = GRAVITY) -> float:
     r"""Period :math:`4 \sqrt{L / g} \, K(\sin^2(\theta_0 / 2))` of any amplitude below pi.
-
-    Parameters
-    ----------
-    amplitude
-        Angle at release, below pi [rad].
-    length_m
-        Length [m].
-    gravity
-        Acceleration of gravity [m/s^2].
-
-    Returns
-    -------
-    Period [s].
 
     Examples
     --------
@@ -69,23 +45,7 @@ def period(amplitude: float, length_m: float, gravity: float = GRAVITY) -> float
 def small_angle_swing(
     times: Series, amplitude: float, length_m: float, gravity: float = GRAVITY
 ) -> Series:
-    r"""Angle :math:`\theta_0 \cos \omega t` after release from rest (eq. 1.3) [rad].
-
-    Parameters
-    ----------
-    times
-        Times, ascending from 0 [s].
-    amplitude
-        Angle at release [rad].
-    length_m
-        Length [m].
-    gravity
-        Acceleration of gravity [m/s^2].
-
-    Returns
-    -------
-    Angle at each time [rad].
-    """
+    r"""Angle :math:`\theta_0 \cos \omega t` after release from rest (eq. 1.3) [rad]."""
     return np.asarray(amplitude * np.cos(math.sqrt(gravity / length_m) * times))
 
 
@@ -95,21 +55,6 @@ def swing(
     r"""Angle [rad] and its rate [rad/s] after release from rest at any amplitude below pi.
 
     .. math:: \theta = 2 \arcsin(k \operatorname{sn}(\omega t + K)), \qquad k = \sin(\theta_0/2)
-
-    Parameters
-    ----------
-    times
-        Times, ascending from 0 [s].
-    amplitude
-        Angle at release [rad].
-    length_m
-        Length [m].
-    gravity
-        Acceleration of gravity [m/s^2].
-
-    Returns
-    -------
-    Angle [rad] and angular velocity [rad/s].
     """
     _check_amplitude(amplitude)
     k, omega = math.sin(amplitude / 2), math.sqrt(gravity / length_m)
@@ -128,8 +73,6 @@ class PeriodLaw:
 
     Parameters
     ----------
-    constant
-        :math:`C`, in the units of what it was learnt from.
     exponents, exponents_sd
         By quantity.
     amplitude_terms, amplitude_terms_sd
@@ -153,21 +96,8 @@ class PeriodLaw:
     ) -> tuple[Samples, Bool[np.ndarray, " sample"]]:
         """Predict periods, and tell whether each lies within the range of the data.
 
-        Parameters
-        ----------
-        quantities
-            Values of each quantity by name, in the units that the law was learnt in.
-        amplitude
-            Amplitudes, where the law depends on them.
-
-        Returns
-        -------
-        Periods, in the unit they were learnt in, and True where none is extrapolated.
-
-        Raises
-        ------
-        ValueError
-            Where other quantities are given than the law was learnt from.
+        True where none is extrapolated. Raises `ValueError` where other quantities are given
+        than the law was learnt from.
         """
         given = dict(quantities) | ({} if amplitude is None else {"amplitude": amplitude})
         if set(given) != set(self.seen):
@@ -198,18 +128,12 @@ def learn_period(
 
     Parameters
     ----------
-    periods
-        Measured [s].
     quantities
         Positive numbers by name: length, gravity, mass, …
     amplitude
         [rad]; enters in even powers, since a pendulum swings as far left as right.
     amplitude_powers
         How many of them.
-
-    Returns
-    -------
-    The law, with the uncertainty of its coefficients.
 
     Raises
     ------

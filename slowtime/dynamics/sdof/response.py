@@ -22,17 +22,6 @@ def impulse_response(oscillator: Oscillator, times: Series) -> Series:
     r"""Displacement after a unit impulse at time zero, :math:`h = S / m` (eq. 3.46) [m/(N s)].
 
     Zero before the impulse.
-
-    Parameters
-    ----------
-    oscillator
-        Mass [kg], damping [N s/m] and stiffness [N/m].
-    times
-        Times, ascending from 0 [s].
-
-    Returns
-    -------
-    Displacement per impulse [m/(N s)].
     """
     after = np.maximum(times, 0.0)
     return np.where(times > 0, _sine(oscillator, after), 0.0) / oscillator.mass_kg
@@ -41,21 +30,7 @@ def impulse_response(oscillator: Oscillator, times: Series) -> Series:
 def free_response(
     oscillator: Oscillator, times: Series, displacement: float, velocity: float
 ) -> tuple[Series, Series]:
-    """Displacement [m] and velocity [m/s] after release at time zero (eq. 3.42, 3.45).
-
-    Parameters
-    ----------
-    oscillator
-        Mass, damping and stiffness.
-    times
-        Since the release, not negative [s].
-    displacement, velocity
-        At the release [m], [m/s].
-
-    Returns
-    -------
-    Displacement [m] and velocity [m/s].
-    """
+    """Displacement [m] and velocity [m/s] after release at time zero (eq. 3.42, 3.45)."""
     if np.any(times < 0):
         raise ValueError(
             f"times hold {times.min()}: nothing is known of before the release. Give times of "
@@ -75,18 +50,7 @@ def step_response(
 ) -> tuple[Series, Series]:
     """Response from rest to a constant force that is applied at time zero.
 
-    Parameters
-    ----------
-    oscillator
-        Mass [kg], damping [N s/m] and stiffness [N/m].
-    times
-        Times, ascending from 0 [s].
-    force
-        Force [N].
-
-    Returns
-    -------
-    Displacement [m] and velocity [m/s].
+    Gives displacement [m] and velocity [m/s].
     """
     static = force / oscillator.stiffness_n_per_m
     displacement, velocity = free_response(oscillator, times, -static, 0.0)
@@ -106,27 +70,8 @@ def harmonic_response(
 
     Section 3.2.2 calls this the steady-state response; it is the total one.
 
-    Parameters
-    ----------
-    oscillator
-        Mass, damping and stiffness.
-    times
-        Times from time zero [s].
-    frequency
-        :math:`\omega` of the force [rad/s].
-    displacement, velocity
-        At time zero [m], [m/s].
-    force
-        Amplitude :math:`F` [N].
-
-    Returns
-    -------
-    Displacement [m] and velocity [m/s].
-
-    Raises
-    ------
-    ValueError
-        If an undamped oscillator is driven at its own frequency: no steady state exists.
+    Gives displacement [m] and velocity [m/s]. Raises `ValueError` if an undamped oscillator is
+    driven at its own frequency: no steady state exists.
     """
     if oscillator.damping_n_s_per_m == 0 and frequency == oscillator.natural_frequency:
         raise ValueError(
@@ -144,19 +89,7 @@ def harmonic_response(
 def frequency_response(
     oscillator: Oscillator, omega: Float[np.ndarray, " frequency"]
 ) -> Complex[np.ndarray, " frequency"]:
-    r"""Displacement per unit force, :math:`1 / (k - \omega^2 m + i \omega c)` (eq. 3.47) [m/N].
-
-    Parameters
-    ----------
-    oscillator
-        Mass, damping and stiffness.
-    omega
-        [rad/s]
-
-    Returns
-    -------
-    Complex displacement per force [m/N].
-    """
+    r"""Displacement per force [m/N], :math:`1 / (k - \omega^2 m + i \omega c)` (eq. 3.47)."""
     m, c, k = (
         oscillator.mass_kg,
         oscillator.damping_n_s_per_m,

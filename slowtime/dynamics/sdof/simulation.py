@@ -28,17 +28,6 @@ def transition(
     r"""Matrices of :math:`x_{k+1} = A x_k + B_0 f_k + B_1 f_{k+1}` for a force linear between.
 
     For a force that is constant between samples :math:`x_{k+1} = A x_k + (B_0 + B_1) f_k`.
-
-    Parameters
-    ----------
-    oscillator
-        Mass [kg], damping [N s/m] and stiffness [N/m].
-    step_s
-        Time step [s].
-
-    Returns
-    -------
-    :math:`A`, :math:`B_0` and :math:`B_1`.
     """
     if not 0 < step_s < math.inf:
         raise ValueError(
@@ -70,21 +59,13 @@ def simulate(
 
     Parameters
     ----------
-    oscillator
-        Mass, damping and stiffness.
     force
         [N], one value per sample.
-    rate_hz
-        Samples per second.
     initial
         Displacement and velocity at the first sample.
     hold
         ``"zero"``: the force keeps its value until the next sample; ``"first"``: it goes
         straight to the next value.
-
-    Returns
-    -------
-    Displacement [m], velocity [m/s] and acceleration [m/s^2].
 
     Examples
     --------
@@ -142,21 +123,6 @@ def ambient_acceleration(
 
     made by the inverse Fourier transform of independent Gaussian amplitudes over a period so
     much longer than the record that its ends know nothing of each other.
-
-    Parameters
-    ----------
-    oscillator
-        Mass, damping and stiffness.
-    samples, rate_hz
-        Length and rate of the record.
-    rng
-        Where all randomness comes from.
-    force_psd
-        :math:`S_f`, one-sided [N^2/Hz].
-
-    Returns
-    -------
-    Acceleration [m/s^2].
     """
     if samples < 1:
         raise ValueError(f"{samples=} is not a valid number of samples. Give 1 or more.")

@@ -57,15 +57,6 @@ class Records:
 def two_masses(cubic_n_per_m3: float = 100.0) -> Description:
     """Two masses, the first on a Duffing spring.
 
-    Parameters
-    ----------
-    cubic_n_per_m3
-        Cubic stiffness [N/m^3].
-
-    Returns
-    -------
-    Description of the structure.
-
     References
     ----------
     .. [1] arXiv 2103.15636.
@@ -75,17 +66,7 @@ def two_masses(cubic_n_per_m3: float = 100.0) -> Description:
 
 
 def seven_masses(cubic_n_per_m3: float = 100.0) -> Description:
-    """Seven masses in a row; the fourth spring has two stable positions.
-
-    Parameters
-    ----------
-    cubic_n_per_m3
-        Cubic stiffness of the fourth spring [N/m^3].
-
-    Returns
-    -------
-    Description of the structure.
-    """
+    """Seven masses in a row; the fourth spring has two stable positions."""
     plain = chain(
         [20.0, 20.0, 10.0, 10.0, 10.0, 10.0, 5.0],
         [2000.0, 2000.0, 1000.0, -1000.0, 1000.0, 1000.0, 500.0],
@@ -109,19 +90,7 @@ def _with_cubic(plain: Description, element: str, cubic_n_per_m3: float) -> Desc
 def aged(
     springs: Springs, days: Float[np.ndarray, " epoch"]
 ) -> Float[np.ndarray, "epoch parameter"]:
-    """Values of all constants at some ages: stiffness and damping decay, except `KEPT`.
-
-    Parameters
-    ----------
-    springs
-        Structure when new.
-    days
-        Ages [days].
-
-    Returns
-    -------
-    Values in the order of `springs.names`, in SI units.
-    """
+    """Values of all constants at some ages: stiffness and damping decay, except `KEPT`."""
     values = np.repeat(springs.values[None], len(days), axis=0)
     seven = len(springs.nodes) == 7
     for i, name in enumerate(springs.names):
@@ -142,23 +111,6 @@ def record(
 
     Unlike theirs, the accelerations hold all forces, and their mean is taken over `every`
     samples, which is what white forces allow to be read (see `estimation.epochs`).
-
-    Parameters
-    ----------
-    springs
-        Structure.
-    values
-        Values of its constants at each epoch, in SI units.
-    white
-        White forces beside the sine.
-    rng
-        Generator of the forces and of the noise.
-    every
-        Number of samples per interval.
-
-    Returns
-    -------
-    Accelerations and measured forces, with the standard deviations of their noise.
     """
     nodes, epochs = len(springs.nodes), len(values)
     samples = round(SECONDS * RATE_HZ)

@@ -27,19 +27,7 @@ ROOM = 12
 
 @compiled
 def stretch(x: Vector, first: int, second: int) -> float:
-    """Elongation of an element between two nodes.
-
-    Parameters
-    ----------
-    x
-        Displacement of each node [m], or velocity [m/s].
-    first, second
-        Its nodes; -1 stands for the base.
-
-    Returns
-    -------
-    Elongation [m], or its rate [m/s].
-    """
+    """Elongation of an element between two nodes [m], or its rate [m/s]; -1 is the base."""
     begin = x[first] if first >= 0 else 0.0
     end = x[second] if second >= 0 else 0.0
     return float(end - begin)
@@ -47,17 +35,7 @@ def stretch(x: Vector, first: int, second: int) -> float:
 
 @compiled
 def pull(out: Vector, first: int, second: int, force: float) -> None:
-    """Add a force that resists elongation to the nodes of an element.
-
-    Parameters
-    ----------
-    out
-        Force on each node [N]; changed.
-    first, second
-        Nodes of the element; -1 stands for the base.
-    force
-        Force of the element [N].
-    """
+    """Add a force that resists elongation to the nodes of an element."""
     if first >= 0:
         out[first] += force
     if second >= 0:
@@ -75,19 +53,7 @@ def accelerate(
     force: Vector,
     out: Vector,
 ) -> None:
-    """Compute the acceleration of each node.
-
-    Parameters
-    ----------
-    x
-        Displacement of each node [m].
-    v
-        Velocity of each node [m/s].
-    force
-        Force on each node [N].
-    out
-        Acceleration of each node [m/s^2]; written.
-    """
+    """Compute the acceleration of each node."""
     count, nodes = len(ends), len(x)
     own = values.ctypes.data
     for i in range(nodes):
@@ -122,21 +88,6 @@ def runge_kutta(
     """Advance every row by h without noise; the force is linear from `first` to `last`.
 
     Each row of forces serves as many rows of states in turn as there are more of them.
-
-    Parameters
-    ----------
-    states
-        Displacements [m], then velocities [m/s], of each row; changed.
-    first
-        Forces on the nodes at the beginning of the step [N].
-    last
-        Forces at its end [N].
-    h
-        Length of the step [s].
-    substeps
-        Number of Runge-Kutta steps in h.
-    room
-        Room for intermediate results.
     """
     nodes = first.shape[1]
     share = len(states) // len(first)
@@ -182,18 +133,7 @@ def bend(
 ) -> None:
     """Compute second derivatives of accelerations to velocities, along the noise.
 
-    Parameters
-    ----------
-    x
-        Displacement of each node [m].
-    v
-        Velocity of each node [m/s].
-    b
-        Noise of each node's velocity [m/s^(3/2)].
-    h
-        Length of the step [s].
-    out
-        Second derivatives, as a rate of the velocity [m/s^3]; written.
+    Along the noise `b` of each node's velocity [m/s^(3/2)]; a rate of the velocity [m/s^3].
     """
     own = values.ctypes.data
     for i in range(len(x)):
@@ -238,24 +178,9 @@ def ito_taylor(
 ) -> None:
     """Advance every row by h with noise, by the scheme of strong order 1.5; see `paths`.
 
-    Parameters
-    ----------
-    states
-        Displacements [m], then velocities [m/s], of each row; changed.
-    first
-        Forces on the nodes at the beginning of the step [N].
-    last
-        Forces at its end [N].
-    h
-        Length of the step [s].
-    added
-        Square root of the density of the white force on each node [N s^(1/2)].
-    multiplied
-        The same per metre of the node's displacement [N s^(1/2)/m].
-    normal
-        Two standard normal numbers for each row and node.
-    room
-        Room for intermediate results.
+    `added` is the square root of the density of the white force on each node [N s^(1/2)],
+    `multiplied` the same per metre of the node's displacement [N s^(1/2)/m]. There are two
+    standard normal numbers for each row and node.
     """
     nodes, count = first.shape[1], len(ends)
     share = len(states) // len(first)

@@ -64,8 +64,6 @@ class FactoredParts:
         Diagonal of all S: 1 or -1.
     owner
         Parameter of each column, ascending.
-    count
-        Number of parameters.
     """
 
     columns: Float[np.ndarray, "coordinate column"]
@@ -371,10 +369,8 @@ def _across(fixed: np.ndarray, responses: np.ndarray) -> np.ndarray:
 
 
 def _above_rounding(response: np.ndarray, factor: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Columns of a weighted sum of responses, zero where the terms cancel but for rounding.
-
-    They do where all parts change alike, as by temperature: the shapes stay. What rounding
-    leaves is no longer orthogonal to the fixed columns once it is scaled to unit length.
-    """
+    """Columns of a weighted sum of responses, zero where the terms cancel but for rounding."""
+    # They do where all parts change alike, as by temperature: the shapes stay. What rounding
+    # leaves is no longer orthogonal to the fixed columns once it is scaled to unit length.
     kept = np.linalg.norm(response, axis=0) > NOISE * (np.abs(factor) @ sizes)
     return np.where(kept, response, 0.0)

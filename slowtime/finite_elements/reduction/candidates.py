@@ -82,8 +82,6 @@ class ReductionCandidates:
         Nominal modes, some beyond those to keep.
     weight, shift
         A, and the s in it [rad^2/s^2].
-    vectors
-        One column for each candidate.
     stiffness, mass
         At zero parameters, over the candidates.
     stiffness_parts, mass_parts
@@ -111,18 +109,7 @@ def candidates_of(
 ) -> ReductionCandidates:
     """Find the candidates of a model.
 
-    Parameters
-    ----------
-    model
-        The full model.
-    settings
-        Number of modes and limits of the effort.
-    exact
-        Further vectors that the candidates have to hold, such as static responses to loads.
-
-    Returns
-    -------
-    The candidates.
+    Vectors `exact`, such as static responses to loads, are held by them.
     """
     nominal, factor, shift = _start(model, settings)
     weight = sparse.csr_array(model.stiffness + shift * model.mass)
@@ -190,18 +177,7 @@ def compressed(
 ) -> Float[np.ndarray, "own direction"]:
     """Find the main directions of columns, in their sizes.
 
-    Parameters
-    ----------
-    columns
-        The columns.
-    weight
-        Matrix of the norm.
-    discarded
-        Largest sum of squares of what is left out.
-
-    Returns
-    -------
-    Directions, orthogonal in the norm.
+    The norm has the matrix `weight`; `discarded` is the largest sum of squares left out.
     """
     if not columns.size:
         return columns

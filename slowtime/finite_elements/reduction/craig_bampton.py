@@ -88,16 +88,7 @@ def restrict(
 ) -> ParametricMatrices:
     """Model with all but some coordinates held.
 
-    Parameters
-    ----------
-    model
-        The model.
-    positions
-        Positions of the coordinates that stay free.
-
-    Returns
-    -------
-    The model over these.
+    Positions are those of the coordinates that stay free.
     """
 
     def block(part: sparse.csr_array) -> sparse.csr_array:

@@ -56,8 +56,6 @@ class ReducedModes:
     ----------
     eigenvalue
         Squares of angular frequencies, ascending [rad^2/s^2].
-    shapes
-        Mass-normalised, over the reduced coordinates.
     """
 
     eigenvalue: Float[np.ndarray, " mode"]
@@ -211,18 +209,7 @@ def lowest_with_slopes(
 ) -> tuple[ReducedModes, ModeSlopes]:
     """Return the lowest modes of a solved model, and their slopes.
 
-    Parameters
-    ----------
-    solved
-        Model with at least the wanted modes.
-    rows
-        Sensor rows over its coordinates.
-    count
-        Number of modes; fewer where the model has fewer.
-
-    Returns
-    -------
-    The modes, and their slopes by the parameters.
+    There are fewer where the model has fewer.
     """
     wanted = np.arange(min(count, len(solved.eigenvalue)))
     lowest = ReducedModes(eigenvalue=solved.eigenvalue[wanted], shapes=solved.shapes[:, wanted])
@@ -287,14 +274,7 @@ def project(
 def orthonormal_mixture(gram: Float[np.ndarray, "column column"]) -> np.ndarray:
     """Mixture of columns that makes them orthonormal, largest direction first.
 
-    Parameters
-    ----------
-    gram
-        Inner products of the columns.
-
-    Returns
-    -------
-    Matrix by which the columns are multiplied; directions that depend on others are left out.
+    Directions that depend on others are left out.
     """
     scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(gram * np.outer(scale, scale))

@@ -103,19 +103,6 @@ def compare_modes(
 
     Modes within 1 % of each other count as one subspace; a group at the upper end is compared
     with all modes of the full model in it, which may be more.
-
-    Parameters
-    ----------
-    model, reduced
-        The full model and its reduction.
-    found, full
-        Modes of both at the same parameters; a few more of the full one.
-    theta
-        The parameters [1].
-
-    Returns
-    -------
-    Error [1] and agreement [1].
     """
     count = len(found.eigenvalue)
     elastic = full.eigenvalue[:count] > 0.0
@@ -140,21 +127,8 @@ def residual_error(
 ) -> Float[np.ndarray, " mode"]:
     """Estimate of the relative errors of the frequencies from residuals.
 
-    Parameters
-    ----------
-    model, reduced
-        The full model and its reduction.
-    found
-        Modes of the reduced model.
-    theta
-        Their parameters [1].
-    factor
-        Factors of the full stiffness at the same parameters; those at zero parameters give the
-        estimate within a factor of 1 / (1 - span).
-
-    Returns
-    -------
-    Relative errors [1], 0 for rigid motions.
+    Rigid motions have an error of 0. Factors are those of the full stiffness at the same
+    parameters; those at zero parameters give the estimate within a factor of 1 / (1 - span).
     """
     stiffness, mass = model.at(theta)
     shapes = reduced.basis @ found.shapes

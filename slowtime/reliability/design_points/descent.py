@@ -51,14 +51,7 @@ class Descent:
 def gradient(g: G, u: np.ndarray, step: float = STEP) -> tuple[float, np.ndarray]:
     """Compute value and gradient by forward differences, in n + 1 calls [input].
 
-    Parameters
-    ----------
-    g
-        Limit state, from points [sample input] to values [sample].
-    u
-        Point in standard normal space [input].
-    step
-        Length of a difference [standard deviations].
+    The limit state takes points [sample input]; `step` is in standard deviations.
     """
     values = g(np.concatenate([u[None], u + step * np.eye(len(u))]))
     # Where points count as failed without a value, the slope is no number.
@@ -69,20 +62,9 @@ def gradient(g: G, u: np.ndarray, step: float = STEP) -> tuple[float, np.ndarray
 def descend(g: G, start: np.ndarray, scale: float, *, again: bool = False) -> Descent | None:
     """Find the nearest point of the limit state from a start; None where the search fails.
 
-    Parameters
-    ----------
-    g
-        Limit state, from points [sample input] to values [sample].
-    start
-        Point in standard normal space [input].
-    scale
-        Size of g far from failure, which its tolerance is a share of.
-    again
-        Try sequential quadratic programming where the iteration does not converge.
-
-    Returns
-    -------
-    The point, the gradient there, and whether the search converged; or None.
+    `scale` is the size of g far from failure, which its tolerance is a share of. With `again`,
+    sequential quadratic programming is tried where the iteration does not converge. Gives the
+    point, the gradient there, and whether the search converged.
     """
     u = start
     best: Descent | None = None

@@ -22,18 +22,7 @@ def orthant(
 ) -> float:
     r"""Probability :math:`\Phi_m(\beta; R)` that standard normal variables stay below limits.
 
-    Parameters
-    ----------
-    betas
-        Limits, one for each variable [standard deviations].
-    correlation
-        Matrix R of correlations of the variables [1].
-    rng
-        Generator of the quasi-random integration points.
-
-    Returns
-    -------
-    Probability [1].
+    Limits are in standard deviations.
     """
     if len(betas) == 1:
         return float(ndtr(betas[0]))
@@ -55,15 +44,6 @@ def sequential(
     As the sum of the probabilities that event k is the first to happen,
     :math:`P(Z_k > \beta_k, Z_j \le \beta_j, j < k)`, each relative to :math:`\Phi(-\beta_k)` by
     random points of the tail: one minus a distribution function would lose its digits.
-
-    Parameters
-    ----------
-    betas
-        Limits, one for each variable [standard deviations].
-    correlation
-        Matrix of correlations of the variables [1].
-    rng
-        Generator of the points of the tail.
     """
     order = np.argsort(betas)
     total = 0.0

@@ -168,19 +168,7 @@ def _from_failures(
 
 
 def explained(u: Float[np.ndarray, "sample input"], points: list[DesignPoint]) -> np.ndarray:
-    """Tell which points lie beyond the tangent plane of a known design point, less a margin.
-
-    Parameters
-    ----------
-    u
-        Points in standard normal space.
-    points
-        Design points found so far.
-
-    Returns
-    -------
-    True for each point that a known design point explains [sample].
-    """
+    """Tell which points lie beyond the tangent plane of a known design point, less a margin."""
     if not points or not len(u):
         return np.zeros(len(u), dtype=bool)
     alphas = np.stack([point.alpha for point in points])
@@ -204,20 +192,7 @@ def descend_from(
 ) -> DesignPoint | None:
     """Descend from a failing point to a design point that is not known yet.
 
-    Parameters
-    ----------
-    g
-        Counted limit state in standard normal space.
-    start
-        Point in standard normal space where the descent begins.
-    points
-        Design points found so far, at least one.
-    search
-        Settings that say which points count as new.
-
-    Returns
-    -------
-    The design point; None where the descent fails or ends at a known one.
+    None where the descent fails or ends at a known one.
     """
     scale = abs(float(g(np.zeros((1, len(start))))[0])) or 1.0
     found = descend(g, start, scale if np.isfinite(scale) else 1.0)
@@ -235,11 +210,9 @@ def _point(problem: Problem, found: Descent, sign: float) -> DesignPoint:
 
 
 def sensitivities(problem: Problem, point: DesignPoint) -> DesignPoint:
-    r"""Add :math:`\partial \beta / \partial \mu` and :math:`\partial \beta / \partial \sigma`.
-
-    By :math:`\partial \beta / \partial \theta = \alpha^T \partial u(x^*, \theta) / \partial
-    \theta` (Ditlevsen and Madsen 1996, chapter 8), which needs no call of the limit state.
-    """
+    r"""Add the slopes of :math:`\beta` by :math:`\mu` and :math:`\sigma` of each input."""
+    # By d beta / d theta = alpha . d u(x*, theta) / d theta (Ditlevsen and Madsen 1996, chapter
+    # 8), which needs no call of the limit state.
     z = problem.scores(point.u[None])[0]
     dz = 1e-5 * np.eye(problem.size)
     # How the independent normal inputs follow the dependent scores, and alpha through that.

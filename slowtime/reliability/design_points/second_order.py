@@ -84,18 +84,7 @@ def curvatures(
 ) -> Float[np.ndarray, " curvature"]:
     """Principal curvatures of a limit state at a design point, positive where it bends away.
 
-    Parameters
-    ----------
-    g
-        Counted limit state in standard normal space.
-    u
-        Design point in standard normal space.
-    alpha
-        Unit vector from the origin to the design point [1].
-
-    Returns
-    -------
-    Curvatures, in rising order [1 / standard deviation]; NaN where they cannot be computed.
+    They are in rising order [1 / standard deviation]; NaN where they cannot be computed.
     """
     size = len(u)
     if size == 1:
@@ -126,18 +115,7 @@ def second_order(
 ) -> float:
     """Probability beyond a paraboloid by Breitung's or Tvedt's formula.
 
-    Parameters
-    ----------
-    beta
-        Distance of the paraboloid from the origin [standard deviations].
-    kappa
-        Its principal curvatures [1 / standard deviation].
-    formula
-        ``"breitung"`` or ``"tvedt"``.
-
-    Returns
-    -------
-    Probability [1]; NaN where the formula has none.
+    NaN where the formula has none.
 
     References
     ----------

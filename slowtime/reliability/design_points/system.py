@@ -90,17 +90,6 @@ def joint(one: float, other: float, rho: float) -> float:
     As :math:`\Phi(-\beta_1) \Phi(-\beta_2) + \int_0^\rho \phi_2(\beta_1, \beta_2; r) \, dr`
     (Plackett 1954), which keeps its digits far out in the tail.
 
-    Parameters
-    ----------
-    one, other
-        Limits of the two variables [standard deviations].
-    rho
-        Their correlation [1].
-
-    Returns
-    -------
-    Probability [1].
-
     References
     ----------
     .. [1] R. L. Plackett, "A reduction formula for normal multivariate integrals", Biometrika
@@ -175,13 +164,6 @@ def parallel_bounds(
 
     The upper one is the least probability of a pair of parts. The lower one is the product of
     the parts' probabilities where no correlation is negative, and 0 otherwise.
-
-    Parameters
-    ----------
-    betas
-        Reliability index of each part [1].
-    correlation
-        Correlations of the parts' safety margins [1].
     """
     alone = ndtr(-betas)
     pairs = [

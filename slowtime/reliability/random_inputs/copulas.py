@@ -76,31 +76,11 @@ class GaussianCopula:
         object.__setattr__(self, "_factor", _cholesky(np.asarray(self.correlation, float)))
 
     def scores(self, u: Scores) -> Scores:
-        """Transform independent scores to dependent ones, by the Cholesky factor.
-
-        Parameters
-        ----------
-        u
-            Independent standard normal scores.
-
-        Returns
-        -------
-        Dependent standard normal scores.
-        """
+        """Transform independent scores to dependent ones, by the Cholesky factor."""
         return np.asarray(u @ self._factor.T)  # type: ignore[attr-defined]
 
     def independent(self, z: Scores) -> Scores:
-        """Transform dependent scores to independent ones, by the Cholesky factor.
-
-        Parameters
-        ----------
-        z
-            Dependent standard normal scores.
-
-        Returns
-        -------
-        Independent standard normal scores.
-        """
+        """Transform dependent scores to independent ones, by the Cholesky factor."""
         return np.asarray(np.linalg.solve(self._factor, z.T).T)  # type: ignore[attr-defined]
 
 
@@ -117,17 +97,7 @@ class StudentCopula:
         object.__setattr__(self, "_factor", _cholesky(np.asarray(self.correlation, float)))
 
     def scores(self, u: Scores) -> Scores:
-        """Transform independent scores to dependent ones, by conditional t distributions.
-
-        Parameters
-        ----------
-        u
-            Independent standard normal scores.
-
-        Returns
-        -------
-        Dependent standard normal scores.
-        """
+        """Transform independent scores to dependent ones, by conditional t distributions."""
         y, square = np.empty_like(u), np.zeros(len(u))
         for k in range(u.shape[1]):
             freedom = self.freedom + k
@@ -136,17 +106,7 @@ class StudentCopula:
         return _normal(y @ self._factor.T, self.freedom)  # type: ignore[attr-defined]
 
     def independent(self, z: Scores) -> Scores:
-        """Transform dependent scores to independent ones, by conditional t distributions.
-
-        Parameters
-        ----------
-        z
-            Dependent standard normal scores.
-
-        Returns
-        -------
-        Independent standard normal scores.
-        """
+        """Transform dependent scores to independent ones, by conditional t distributions."""
         y = np.linalg.solve(self._factor, _student(z, self.freedom).T).T  # type: ignore[attr-defined]
         u, square = np.empty_like(z), np.zeros(len(z))
         for k in range(z.shape[1]):
@@ -174,17 +134,7 @@ class ClaytonCopula:
         _above(self.theta, 0.0, "ClaytonCopula")
 
     def scores(self, u: Scores) -> Scores:
-        """Transform independent scores to dependent ones, by inverse conditional laws.
-
-        Parameters
-        ----------
-        u
-            Independent standard normal scores.
-
-        Returns
-        -------
-        Dependent standard normal scores.
-        """
+        """Transform independent scores to dependent ones, by inverse conditional laws."""
         p, total = np.empty_like(u), np.ones(len(u))
         for k in range(u.shape[1]):
             q = _inside(special.ndtr(u[:, k]))
@@ -194,17 +144,7 @@ class ClaytonCopula:
         return np.asarray(special.ndtri(_inside(p)))
 
     def independent(self, z: Scores) -> Scores:
-        """Transform dependent scores to independent ones, by conditional laws.
-
-        Parameters
-        ----------
-        z
-            Dependent standard normal scores.
-
-        Returns
-        -------
-        Independent standard normal scores.
-        """
+        """Transform dependent scores to independent ones, by conditional laws."""
         p, total, u = _inside(special.ndtr(z)), np.ones(len(z)), np.empty_like(z)
         for k in range(z.shape[1]):
             power = 1.0 + (p[:, k] ** -self.theta - 1.0) / total
@@ -224,31 +164,11 @@ class FrankCopula:
             raise ValueError("theta=0 of FrankCopula is independence. Leave the copula out.")
 
     def scores(self, u: Scores) -> Scores:
-        """Transform independent scores to dependent ones, by the inverse conditional law.
-
-        Parameters
-        ----------
-        u
-            Independent standard normal scores.
-
-        Returns
-        -------
-        Dependent standard normal scores.
-        """
+        """Transform independent scores to dependent ones, by the inverse conditional law."""
         return _second_inverted(u, self._conditional)
 
     def independent(self, z: Scores) -> Scores:
-        """Transform dependent scores to independent ones, by the conditional law.
-
-        Parameters
-        ----------
-        z
-            Dependent standard normal scores.
-
-        Returns
-        -------
-        Independent standard normal scores.
-        """
+        """Transform dependent scores to independent ones, by the conditional law."""
         return _second(z, self._conditional)
 
     def _conditional(self, p: np.ndarray, q: np.ndarray) -> np.ndarray:
@@ -266,31 +186,11 @@ class GumbelCopula:
         _above(self.theta, 1.0, "GumbelCopula")
 
     def scores(self, u: Scores) -> Scores:
-        """Transform independent scores to dependent ones, by the inverse conditional law.
-
-        Parameters
-        ----------
-        u
-            Independent standard normal scores.
-
-        Returns
-        -------
-        Dependent standard normal scores.
-        """
+        """Transform independent scores to dependent ones, by the inverse conditional law."""
         return _second_inverted(u, self._conditional)
 
     def independent(self, z: Scores) -> Scores:
-        """Transform dependent scores to independent ones, by the conditional law.
-
-        Parameters
-        ----------
-        z
-            Dependent standard normal scores.
-
-        Returns
-        -------
-        Independent standard normal scores.
-        """
+        """Transform dependent scores to independent ones, by the conditional law."""
         return _second(z, self._conditional)
 
     def _conditional(self, p: np.ndarray, q: np.ndarray) -> np.ndarray:
@@ -341,19 +241,11 @@ def nataf(
 
     Parameters
     ----------
-    marginals
-        Distribution of each input.
-    correlations
-        Pair of positions → correlation; 0 for pairs left out.
     kind
         ``"linear"``: of the inputs, corrected to normal scores by solving
         :math:`\rho_{ij} \sigma_i \sigma_j = E[(x_i(z_i) - \mu_i)(x_j(z_j) - \mu_j)]`;
         ``"spearman"`` and ``"kendall"``: rank correlations, by
         :math:`2 \sin(\pi \rho / 6)` and :math:`\sin(\pi \tau / 2)`; ``"scores"``: as it is.
-
-    Returns
-    -------
-    The copula of the scores.
 
     References
     ----------
@@ -379,21 +271,7 @@ def nataf(
 def corrected(one: Marginal, other: Marginal, correlation: float) -> float:
     """Correlation of normal scores that gives two inputs the linear correlation wanted.
 
-    Parameters
-    ----------
-    one, other
-        Distributions of the two inputs.
-    correlation
-        Linear correlation of the inputs [1].
-
-    Returns
-    -------
-    Correlation of their scores [1].
-
-    Raises
-    ------
-    ValueError
-        Where no correlation of the scores gives the one wanted.
+    Raises `ValueError` where no correlation of the scores gives the one wanted.
 
     Examples
     --------

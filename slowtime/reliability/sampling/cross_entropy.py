@@ -99,10 +99,8 @@ def _planned(
     stopping: Stopping,
     rng: np.random.Generator,
 ) -> int:
-    """Size of the sample, from points that are not counted.
-
-    Sampling that ends as soon as it has met few heavy points underestimates.
-    """
+    """Size of the sample, from points that are not counted."""
+    # Sampling that ends as soon as it has met few heavy points underestimates.
     u = _draw(density, wide, max(min(samples, stopping.calls - g.calls), 1), rng)
     hit = g(u) <= 0.0
     weight = np.zeros(len(u))

@@ -32,20 +32,7 @@ def walk(
 ) -> Float[np.ndarray, "chain input"]:
     """Walk from failures, drawn by their weights, to the distribution of failures.
 
-    Parameters
-    ----------
-    g
-        Counted limit state; it is called `CHAINS` times `STEPS` times.
-    u
-        Points that fail, in standard normal space.
-    weight
-        Their importance weights [1].
-    rng
-        Generator of the moves.
-
-    Returns
-    -------
-    The ends of the chains.
+    The limit state is called `CHAINS` times `STEPS` times.
     """
     # Systematic resampling: each point starts as many chains as its weight says, to within one.
     places = (np.arange(CHAINS) + rng.uniform()) / CHAINS

@@ -114,19 +114,7 @@ class MixtureSample:
     def draw(
         self, g: Evaluator, share: np.ndarray, count: int, rng: np.random.Generator
     ) -> None:
-        """Draw points by their shares, and evaluate the limit state there.
-
-        Parameters
-        ----------
-        g
-            Counted limit state in standard normal space.
-        share
-            Share of each component [component].
-        count
-            Number of points to draw.
-        rng
-            Generator of the points.
-        """
+        """Draw points by their shares, and evaluate the limit state there."""
         # Systematic counts: what a component gets differs from its share by less than one.
         edges = np.concatenate([[0.0], np.cumsum(share)]) * count / share.sum()
         counts = np.diff(np.floor(edges + rng.uniform())).astype(int)
@@ -153,19 +141,7 @@ class MixtureSample:
     def ratios_at(
         self, other: "MixtureSample", which: np.ndarray
     ) -> Float[np.ndarray, " sample"]:
-        """Ratios of the standard normal density to this mixture at points of another sample.
-
-        Parameters
-        ----------
-        other
-            Sample of the same components.
-        which
-            Mask or indices of its points.
-
-        Returns
-        -------
-        Ratios [1].
-        """
+        """Ratios of the standard normal density to this mixture at points of another sample."""
         return self._ratios(other.log_ratios[which])
 
     def reached(self, points: Sequence[DesignPoint]) -> Bool[np.ndarray, " sample"]:
@@ -174,10 +150,8 @@ class MixtureSample:
         return np.asarray(explained(self.u, list(points)) | beyond)
 
     def missed(self) -> float:
-        """Second moment of the weights by the chains over that by the weights [1].
-
-        Much above one where chains end in failures that were hardly drawn.
-        """
+        """Second moment of the weights by the chains over that by the weights [1]."""
+        # Much above one where chains end in failures that were hardly drawn.
         weight = self.weights()
         if not len(self.walked) or not weight.any():
             return 0.0
@@ -262,11 +236,9 @@ def explore(
     found: DesignPointSearch,
     search: Search,
 ) -> tuple[MixtureSample, list[DesignPoint]]:
-    """Draw until the target is met; the sample that counts, and the design points at the end.
-
-    Shares are learnt from points that are not counted: a mixture that has seen its own points
-    underestimates what lies between them.
-    """
+    """Draw until the target is met; the sample that counts, and all design points."""
+    # Shares are learnt from points that are not counted: a mixture that has seen its own points
+    # underestimates what lies between them.
     points = [point for point in found.points if abs(point.beta) < REACH]
     components = [c for point in points for c in about(point)] + broad(g.problem.size)
     learning = MixtureSample(g.problem.size, components)
@@ -305,12 +277,10 @@ def _needed(learning: MixtureSample, share: np.ndarray, stopping: Stopping) -> i
 
 
 def _foreseen(counted: MixtureSample, learning: MixtureSample) -> float:
-    """Coefficient of variation by the points counted, or by those learnt from if that is more.
-
-    Between components few points carry much. A sample that has met none of them believes its
-    error small; the other sample has had chances of its own. Its second moment is that of the
-    mixture that counts: the mean of its weights times those.
-    """
+    """Coefficient of variation by the points counted, or those learnt from if that is more."""
+    # Between components few points carry much. A sample that has met none of them believes its
+    # error small; the other sample has had chances of its own. Its second moment is that of the
+    # mixture that counts: the mean of its weights times those.
     value, variation = _estimate(counted)
     failed = learning.failed
     if not value > 0.0 or not failed.any():
@@ -326,11 +296,9 @@ def _foreseen(counted: MixtureSample, learning: MixtureSample) -> float:
 def _spread(
     drawn: Float[np.ndarray, " failed"], counted: Float[np.ndarray, " failed"], count: int
 ) -> float:
-    """Variance of the weights over their squared mean, by ratios at the points that failed.
-
-    Over all `count` points, of which those that did not fail add nothing. Ratios are scaled
-    first, since the squares of very small ones would vanish.
-    """
+    """Variance of the weights over their squared mean, by ratios at the points that failed."""
+    # Over all `count` points, of which those that did not fail add nothing. Ratios are scaled
+    # first, since the squares of very small ones would vanish.
     most = float(drawn.max())
     square = float(np.sum(drawn / most * (counted / most)))
     return square * count / float(np.sum(drawn / most)) ** 2 - 1.0
@@ -354,12 +322,10 @@ def _learn(
     stopping: Stopping,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Draw and learn until no point is much heavier than others; components are added.
-
-    Chains say at which distances along the axes of design points failures lie. A heavy failure
-    that nothing explains starts a descent to a further design point; any other gets a component
-    of its own.
-    """
+    """Draw and learn until no point is much heavier than others; components are added."""
+    # Chains say at which distances along the axes of design points failures lie. A heavy
+    # failure that nothing explains starts a descent to a further design point; any other gets a
+    # component of its own.
     unseen = True
     for number in range(LESSONS):
         count = PILOT + 8 * len(learning.components)
@@ -401,11 +367,9 @@ def _allowed(g: Evaluator, stopping: Stopping, count: int) -> int:
 
 
 def _estimate(sample: MixtureSample) -> tuple[float, float]:
-    """Probability and its coefficient of variation.
-
-    As if each point came from the mixture. That components get fixed numbers of points lessens
-    the error somewhat; by their own spreads it was underestimated where they get few.
-    """
+    """Probability and its coefficient of variation."""
+    # As if each point came from the mixture. That components get fixed numbers of points
+    # lessens the error somewhat; by their own spreads it was underestimated where they get few.
     weight = sample.weights()
     value = float(weight.mean()) if len(weight) else 0.0
     if value <= 0.0:

@@ -50,14 +50,7 @@ class Component:
     def log_ratio(self, u: Float[np.ndarray, "sample input"]) -> Float[np.ndarray, " sample"]:
         """Logarithm of this density over the standard normal one.
 
-        Parameters
-        ----------
-        u
-            Points in standard normal space.
-
-        Returns
-        -------
-        Logarithms of the ratio; minus infinity where this density is zero.
+        Minus infinity where this density is zero.
         """
         if self.kind == "broad":
             square = np.sum(u**2, axis=1)
@@ -96,13 +89,8 @@ def about_chains(
     In many inputs a limit state that bends a little in each fails far before its tangent
     plane, or far beyond.
 
-    Parameters
-    ----------
-    ends
-        Ends of chains in the failures.
-    points
-        Design points, whose axes are used. Where a tenth of the chains lies about as far as
-        the point does, its own components serve.
+    Where a tenth of the chains lies about as far as a design point does, its own components
+    serve.
     """
     if not points:
         return []
@@ -146,18 +134,7 @@ def floored(
 ) -> Float[np.ndarray, " component"]:
     """Raise shares so that no component is without samples, nor the broad ones without enough.
 
-    Parameters
-    ----------
-    share
-        Shares of the components [1], or weights in their proportion.
-    wide
-        Mask of the broad components [component].
-    least
-        Least share of all broad components together [1].
-
-    Returns
-    -------
-    Shares that sum to one.
+    They sum to one; `least` is the least share of all broad components together.
     """
     share = (1.0 - FLOOR) * share / share.sum() + FLOOR / len(share)
     lookout = float(share[wide].sum())
@@ -180,24 +157,7 @@ def learnt_shares(
 ) -> Float[np.ndarray, " component"]:
     """Shares nearest to the failing points in cross-entropy, by expectation maximisation.
 
-    Parameters
-    ----------
-    log_ratios
-        Logarithm of each component's density over the standard normal one, at failing points.
-    weights
-        Importance weights of the failing points.
-    share
-        Shares to start from [1].
-    wide
-        Mask of the broad components [component].
-    lookout
-        Least share of all broad components together [1].
-    rounds
-        Number of iterations.
-
-    Returns
-    -------
-    Shares that sum to one.
+    It starts from `share`; `lookout` is the least share of all broad components together.
     """
     for _ in range(rounds):
         parts = np.log(share) + log_ratios

@@ -29,17 +29,7 @@ class PolarMixture:
     spread: Float[np.ndarray, " component"]
 
     def log_parts(self, u: Points) -> Float[np.ndarray, "sample component"]:
-        """Logarithm of share times density of each component.
-
-        Parameters
-        ----------
-        u
-            Points in standard normal space.
-
-        Returns
-        -------
-        Logarithms, over u.
-        """
+        """Logarithm of share times density of each component."""
         radius = np.linalg.norm(u, axis=1)
         ways = u / radius[:, None]
         size = u.shape[1]
@@ -54,12 +44,7 @@ class PolarMixture:
         return np.asarray(np.log(self.share) + direction + radial - (size - 1) * log_r)
 
     def log_density(self, u: Points) -> Float[np.ndarray, " sample"]:
-        """Logarithm of the density of the mixture.
-
-        Returns
-        -------
-        Logarithms, over u.
-        """
+        """Logarithm of the density of the mixture."""
         return np.asarray(logsumexp(self.log_parts(u), axis=1))
 
     def draw(self, rng: np.random.Generator, count: int) -> Points:
@@ -76,23 +61,7 @@ class PolarMixture:
 def fit(
     u: Points, weights: Float[np.ndarray, " sample"], components: int, rng: np.random.Generator
 ) -> PolarMixture:
-    """Fit a mixture to weighted points by expectation maximisation of the likelihood.
-
-    Parameters
-    ----------
-    u
-        Points in standard normal space.
-    weights
-        Importance weights of the points.
-    components
-        Number of components.
-    rng
-        Generator that chooses the first centres.
-
-    Returns
-    -------
-    The mixture after the last iteration.
-    """
+    """Fit a mixture to weighted points by expectation maximisation of the likelihood."""
     weights = weights / weights.sum()
     ways = u / np.linalg.norm(u, axis=1, keepdims=True)
     centres = _spread_out(ways, weights, components, rng)

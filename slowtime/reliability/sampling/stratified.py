@@ -67,11 +67,9 @@ def stratified(problem: Problem, rng: np.random.Generator, stopping: Stopping) -
 
 
 def _variance_within(failed: np.ndarray, drawn: np.ndarray) -> np.ndarray:
-    """Variance within each stratum: of rings in which none failed, not quite 0.
-
-    Rings further in than `SAFE` below the innermost failure count as safe: a safe set that is
-    star-shaped about the origin has none there.
-    """
+    """Variance within each stratum: of rings in which none failed, not quite 0."""
+    # Rings further in than `SAFE` below the innermost failure count as safe: a safe set that is
+    # star-shaped about the origin has none there.
     share = (failed + PRIOR) / (drawn + 2.0 * PRIOR)
     if failed.any():
         innermost = int(np.flatnonzero(failed)[0])

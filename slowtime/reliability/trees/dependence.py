@@ -37,8 +37,6 @@ class ConditionalMembers(NamedTuple):
     ----------
     weights
         Probability of each value, in each case or in all of them; they sum to 1.
-    failing
-        Of each member, its failure probability given each value, in each case.
     """
 
     weights: Float[np.ndarray, "value weighting"]
@@ -112,17 +110,7 @@ class CommonCause:
             raise ValueError(f"beta={self.beta:g} is outside [0, 1]. Give 0.1 for 10 %.")
 
     def given(self, marginals: Marginals) -> ConditionalMembers:
-        """Condition on whether the common event happens.
-
-        Parameters
-        ----------
-        marginals
-            Failure probability of each member in each case [1].
-
-        Returns
-        -------
-        Weights of the values, and the failure probability of each member at each of them.
-        """
+        """Condition on whether the common event happens."""
         event = self.beta * np.min([marginals[name] for name in self.members], axis=0)
         failing = {
             name: np.stack(
@@ -135,21 +123,7 @@ class CommonCause:
     def draw(
         self, marginals: Mapping[str, float], rng: np.random.Generator, count: int
     ) -> dict[str, Bool[np.ndarray, " case"]]:
-        """Draw which members have failed.
-
-        Parameters
-        ----------
-        marginals
-            Failure probability of each member [1].
-        rng
-            Generator of the draws.
-        count
-            Number of cases.
-
-        Returns
-        -------
-        Name of each member → whether it has failed, in each case.
-        """
+        """Draw which members have failed."""
         least = self.beta * min(marginals[name] for name in self.members)
         event = rng.random(count) < least
         return {
@@ -188,17 +162,7 @@ class Equicorrelated:
             )
 
     def given(self, marginals: Marginals) -> ConditionalMembers:
-        """Condition on the values of the common factor, by Gauss-Legendre in panels.
-
-        Parameters
-        ----------
-        marginals
-            Failure probability of each member in each case [1].
-
-        Returns
-        -------
-        Weights of the values, and the failure probability of each member at each of them.
-        """
+        """Condition on the values of the common factor, by Gauss-Legendre in panels."""
         z, weights = _factor(self.rho)
         failing = {
             name: self._conditional_probabilities(np.asarray(marginals[name]), z[:, None])
@@ -215,21 +179,7 @@ class Equicorrelated:
     def draw(
         self, marginals: Mapping[str, float], rng: np.random.Generator, count: int
     ) -> dict[str, Bool[np.ndarray, " case"]]:
-        """Draw which members have failed.
-
-        Parameters
-        ----------
-        marginals
-            Failure probability of each member [1].
-        rng
-            Generator of the draws.
-        count
-            Number of cases.
-
-        Returns
-        -------
-        Name of each member → whether it has failed, in each case.
-        """
+        """Draw which members have failed."""
         common = math.sqrt(self.rho) * rng.standard_normal(count)
         own = math.sqrt(1.0 - self.rho)
         return {
@@ -244,10 +194,7 @@ Group: TypeAlias = Independent | CommonCause | Equicorrelated
 def grouped(names: tuple[str, ...], groups: tuple[Group, ...]) -> tuple[Group, ...]:
     """Put each member into one group: those of no group into one that is independent.
 
-    Raises
-    ------
-    ValueError
-        Where a member is in two groups, or in one but not in the tree.
+    Raises `ValueError` where a member is in two groups, or in one but not in the tree.
     """
     found: dict[str, int] = {}
     for number, group in enumerate(groups):

@@ -44,19 +44,7 @@ class Diagram:
         self._steps = 0
 
     def build(self, tree: Node, order: Mapping[str, int]) -> int:
-        """Make the function that is true where a tree fails.
-
-        Parameters
-        ----------
-        tree
-            Tree of members and gates.
-        order
-            Number of the variable of each member.
-
-        Returns
-        -------
-        Number of the function in the diagram.
-        """
+        """Make the function that is true where a tree fails."""
         if isinstance(tree, str):
             return self._node(order[tree], 0, 1)
         inputs = [self.build(one, order) for one in tree.inputs]

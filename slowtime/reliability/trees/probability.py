@@ -192,12 +192,10 @@ class _Plan:
         return np.asarray(np.clip(np.concatenate(parts, axis=1), 0.0, 1.0))
 
     def criticality(self, marginals: Marginals) -> tuple[dict[str, float], dict[str, float]]:
-        """Probability that each member is critical, and that it is so and has failed.
-
-        A path from the root decides the system at a node of the member with the probability
-        that it gets there, times the difference of what is below: so all members cost one more
-        pass, from the root down.
-        """
+        """Probability that each member is critical, and that it is so and has failed."""
+        # A path from the root decides the system at a node of the member with the probability
+        # that it gets there, times the difference of what is below: so all members cost one
+        # more pass, from the root down.
         blocks, given = self._blocks([self.root]), self._conditionals(marginals)
         within: dict[int, Float[np.ndarray, "value 1"]] = {}
         mean = self._sweep(blocks, given, 1, within)

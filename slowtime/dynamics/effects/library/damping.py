@@ -11,18 +11,7 @@ from .parameter_grids import each, levels
 def drag(e: float, v: float, t: float, z: Any, p: Any) -> float:
     """Force of drag, which grows with the square of speed [N].
 
-    Parameters
-    ----------
-    e
-        Elongation [m].
-    v
-        Its rate [m/s].
-    t
-        Campaign time [s]; not used.
-    z
-        Internal states; none.
-    p
-        Coefficient of drag [N s^2/m^2].
+    `p`: coefficient of drag [N s^2/m^2].
     """
     return float(p[0] * abs(v) * v)
 
@@ -30,22 +19,7 @@ def drag(e: float, v: float, t: float, z: Any, p: Any) -> float:
 def van_der_pol(e: float, v: float, t: float, z: Any, p: Any) -> float:
     """Force of damping that is negative at small elongations and positive at large ones.
 
-    Parameters
-    ----------
-    e
-        Elongation [m].
-    v
-        Its rate [m/s].
-    t
-        Campaign time [s]; not used.
-    z
-        Internal states; none.
-    p
-        Negative damping at rest [N s/m]; elongation from which damping is positive [m].
-
-    Returns
-    -------
-    Force [N].
+    `p`: negative damping at rest [N s/m]; elongation from which damping is positive [m].
     """
     ratio = e / p[1]
     return float(p[0] * (ratio * ratio - 1.0) * v)
@@ -89,17 +63,7 @@ def braked_speeds(motion: Motion) -> list[Shape]:
 
 
 def amplitudes(motion: Motion) -> list[Shape]:
-    """List elongations at which damping may change its sign.
-
-    Parameters
-    ----------
-    motion
-        Motion of the place of the effect.
-
-    Returns
-    -------
-    Values of the shape parameters to try, by name.
-    """
+    """List elongations at which damping may change its sign."""
     top = levels(motion.e, 0.98)
     return each("e0_m", [share * level for level in top for share in (0.25, 0.5, 0.8, 1.2)])
 

@@ -18,22 +18,7 @@ friction of sticking over that of sliding, below which it has not fallen to spea
 def coulomb(e: float, v: float, t: float, z: Any, p: Any) -> float:
     """Sliding friction that is the same at every speed (Coulomb).
 
-    Parameters
-    ----------
-    e
-        Elongation [m].
-    v
-        Speed [m/s].
-    t
-        Campaign time [s]; not used.
-    z
-        Internal states; none.
-    p
-        Friction of sliding [N].
-
-    Returns
-    -------
-    Force [N].
+    `p`: friction of sliding [N].
     """
     return float(p[0])
 
@@ -41,22 +26,7 @@ def coulomb(e: float, v: float, t: float, z: Any, p: Any) -> float:
 def stribeck(e: float, v: float, t: float, z: Any, p: Any) -> float:
     """Sliding friction that falls as speed grows (Stribeck).
 
-    Parameters
-    ----------
-    e
-        Elongation [m].
-    v
-        Speed [m/s].
-    t
-        Campaign time [s]; not used.
-    z
-        Internal states; none.
-    p
-        Friction of sliding [N], friction of sticking [N], Stribeck speed [m/s].
-
-    Returns
-    -------
-    Force [N].
+    `p`: friction of sliding [N], friction of sticking [N], Stribeck speed [m/s].
     """
     ratio = v / p[2]
     return float(p[0] + (p[1] - p[0]) * math.exp(-ratio * ratio))
@@ -106,10 +76,8 @@ def carried(e: float, v: float, t: float, z: Any, p: Any) -> float:
 
 
 def carried_until_sliding(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Rate of that spring's elongation, zero where the slider slides [m/s].
-
-    What a step went beyond that elongation is taken back over a tenth of it.
-    """
+    """Rate of that spring's elongation, zero where the slider slides [m/s]."""
+    # What a step went beyond that elongation is taken back over a tenth of it.
     beyond = abs(z[0]) - p[1]
     if beyond < 0.0 or v * z[0] <= 0.0:
         return float(v)
@@ -126,10 +94,8 @@ def beyond_play(e: float, v: float, t: float, z: Any, p: Any) -> float:
 
 
 def within_play(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Rate of the way within the play and the contact, zero where the slider slides [m/s].
-
-    What a step went beyond that way is taken back over a tenth of the contact's.
-    """
+    """Rate of the way within the play and the contact, zero where the slider slides [m/s]."""
+    # What a step went beyond that way is taken back over a tenth of the contact's.
     beyond = abs(z[0]) - p[1] - p[2]
     if beyond < 0.0 or v * z[0] <= 0.0:
         return float(v)
@@ -182,20 +148,9 @@ def bristles(motion: Motion) -> list[Shape]:
 
 
 def speeds(motion: Motion) -> list[Shape]:
-    """List Stribeck speeds, and ratios of sticking to sliding friction.
-
-    The speeds are shares of the highest one: a place that sticks most of the time has no
-    meaningful median speed.
-
-    Parameters
-    ----------
-    motion
-        Motion of the place of the effect.
-
-    Returns
-    -------
-    Values of the shape parameters to try, by name.
-    """
+    """List Stribeck speeds, and ratios of sticking to sliding friction."""
+    # The speeds are shares of the highest one: a place that sticks most of the time has no
+    # meaningful median speed.
     return [
         {"static_n": ratio, "vs_m_per_s": part * highest}
         for highest in levels(motion.v, 0.99)
@@ -205,19 +160,7 @@ def speeds(motion: Motion) -> list[Shape]:
 
 
 def fallen(parameters: Mapping[str, float], motion: Motion) -> bool:
-    """Tell whether friction fell with speed, and most of the way, in a motion.
-
-    Parameters
-    ----------
-    parameters
-        Parameters of the effect, by name, in their units.
-    motion
-        Motion of the place of the effect.
-
-    Returns
-    -------
-    Whether the motion shows the effect.
-    """
+    """Tell whether friction fell with speed, and most of the way, in a motion."""
     falls = parameters["static_n"] > LEAST_RISE * parameters["friction_n"]
     return falls and parameters["vs_m_per_s"] < MOST_SPEED * float(np.abs(motion.v).max())
 

@@ -11,34 +11,13 @@ from .parameter_grids import each, lines_hz
 def tone(e: float, v: float, t: float, z: Any, p: Any) -> float:
     """Harmonic force [N].
 
-    Parameters
-    ----------
-    e
-        Elongation [m].
-    v
-        Its rate [m/s].
-    t
-        Campaign time [s].
-    z
-        Internal states; none.
-    p
-        Amplitude [N], frequency [Hz], phase at campaign time 0 [rad].
+    `p`: amplitude [N], frequency [Hz], phase at campaign time 0 [rad].
     """
     return float(p[0] * math.sin(2.0 * math.pi * p[1] * t + p[2]))
 
 
 def tones(motion: Motion) -> list[Shape]:
-    """List frequencies at which the place moves.
-
-    Parameters
-    ----------
-    motion
-        Motion of the place of the effect.
-
-    Returns
-    -------
-    Values of the shape parameters to try, by name.
-    """
+    """List frequencies at which the place moves."""
     return each("frequency_hz", lines_hz(motion.a, motion.times, 6), phase_rad=0.0)
 
 

@@ -11,22 +11,8 @@ from .parameter_grids import levels
 def bouc_wen(e: float, v: float, t: float, z: Any, p: Any) -> float:
     """Force of a Bouc-Wen spring, less its initial linear force.
 
-    Parameters
-    ----------
-    e
-        Elongation [m].
-    v
-        Its rate [m/s].
-    t
-        Campaign time [s]; not used.
-    z
-        Elongation of the yielding spring itself [m].
-    p
-        Stiffness that yields [N/m], elongation of yield [m], sharpness of the yield [1].
-
-    Returns
-    -------
-    Force [N].
+    `p`: stiffness that yields [N/m], elongation of yield [m], sharpness of the yield [1]; `z`:
+    elongation of the yielding spring itself [m].
     """
     return float(p[0] * (z[0] - e))
 
@@ -37,21 +23,7 @@ def yielding_force(e: float, v: float, t: float, z: Any, p: Any) -> float:
 
 
 def yielding(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Rate of the internal elongation of a Bouc-Wen spring [m/s].
-
-    Parameters
-    ----------
-    e
-        Elongation [m].
-    v
-        Its rate [m/s].
-    t
-        Campaign time [s]; not used.
-    z
-        Elongation of the yielding spring itself [m].
-    p
-        Stiffness that yields [N/m], elongation of yield [m], sharpness of the yield [1].
-    """
+    """Rate of the internal elongation of a Bouc-Wen spring [m/s]."""
     if v * z[0] <= 0.0:
         return float(v)
     return float(v * (1.0 - abs(z[0] / p[1]) ** p[2]))
@@ -121,17 +93,7 @@ def pinches(motion: Motion) -> list[Shape]:
 
 
 def yields(motion: Motion) -> list[Shape]:
-    """List elongations at which the spring may yield, and how sharply.
-
-    Parameters
-    ----------
-    motion
-        Motion of the place of the effect.
-
-    Returns
-    -------
-    Values of the shape parameters to try, by name.
-    """
+    """List elongations at which the spring may yield, and how sharply."""
     return [
         {"zy_m": share * top, "n": n}
         for top in levels(motion.e, 0.99)

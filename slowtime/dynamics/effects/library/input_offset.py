@@ -6,21 +6,7 @@ from slowtime.dynamics.effects.kind import InputChange, Kind, Parameter, Series,
 
 
 def lifted(series: Several, times: Series, p: Values) -> Several:
-    """Add a constant to the recorded series.
-
-    Parameters
-    ----------
-    series
-        Recorded series, the last axis is time.
-    times
-        Campaign times [s]; not used.
-    p
-        The constant [SI unit of the series].
-
-    Returns
-    -------
-    Series, in the same unit.
-    """
+    """Add a constant to the recorded series."""
     return np.asarray(series + p[0])
 
 

@@ -7,40 +7,12 @@ from slowtime.signals.interpolation import at_instants
 
 
 def gained(series: Several, times: Series, p: Values) -> Several:
-    """Multiply the recorded series by a factor.
-
-    Parameters
-    ----------
-    series
-        Recorded series, the last axis is time.
-    times
-        Campaign times [s]; not used.
-    p
-        The factor [1].
-
-    Returns
-    -------
-    Series, in the same unit.
-    """
+    """Multiply the recorded series by a factor."""
     return np.asarray(p[0] * series)
 
 
 def delayed(series: Several, times: Series, p: Values) -> Several:
-    """Delay the recorded series.
-
-    Parameters
-    ----------
-    series
-        Recorded series, the last axis is time.
-    times
-        Campaign times [s].
-    p
-        The delay [s].
-
-    Returns
-    -------
-    Series, in the same unit.
-    """
+    """Delay the recorded series."""
     rate_hz = (len(times) - 1) / (times[-1] - times[0])
     return at_instants(series, (times - times[0] - p[0]) * rate_hz)
 

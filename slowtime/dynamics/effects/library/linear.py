@@ -34,91 +34,35 @@ ratio."""
 
 
 def damped(p: Values) -> tuple[Square, Square, Square]:
-    """Matrices of damping that is added.
-
-    Parameters
-    ----------
-    p
-        Damping [N s/m].
-
-    Returns
-    -------
-    Mass [kg], damping [N s/m] and stiffness [N/m].
-    """
+    """Matrices of damping `p` that is added [N s/m]."""
     return _NONE, np.array([[p[0]]]), _NONE
 
 
 def softened(p: Values) -> tuple[Square, Square, Square]:
-    """Matrices of stiffness that is lost.
-
-    Parameters
-    ----------
-    p
-        Stiffness lost [N/m].
-
-    Returns
-    -------
-    Mass [kg], damping [N s/m] and stiffness [N/m].
-    """
+    """Matrices of stiffness `p` that is lost [N/m]."""
     return _NONE, _NONE, np.array([[-p[0]]])
 
 
 def stiffened(p: Values) -> tuple[Square, Square, Square]:
-    """Matrices of stiffness that is added.
-
-    Parameters
-    ----------
-    p
-        Stiffness [N/m].
-
-    Returns
-    -------
-    Mass [kg], damping [N s/m] and stiffness [N/m].
-    """
+    """Matrices of stiffness `p` that is added [N/m]."""
     return _NONE, _NONE, np.array([[p[0]]])
 
 
 def turned(p: Values) -> tuple[Square, Square, Square]:
-    """Matrices of a gyroscopic coupling of two coordinates.
-
-    Parameters
-    ----------
-    p
-        Coupling [N s/m].
-
-    Returns
-    -------
-    Mass [kg], damping [N s/m] and stiffness [N/m], over both coordinates.
-    """
+    """Matrices of a gyroscopic coupling `p` of two coordinates [N s/m], over both."""
     return np.zeros((2, 2)), np.array([[0.0, p[0]], [-p[0], 0.0]]), np.zeros((2, 2))
 
 
 def laden(p: Values) -> tuple[Square, Square, Square]:
-    """Matrices of mass that is added.
-
-    Parameters
-    ----------
-    p
-        Mass [kg].
-
-    Returns
-    -------
-    Mass [kg], damping [N s/m] and stiffness [N/m].
-    """
+    """Matrices of mass `p` that is added [kg]."""
     return np.array([[p[0]]]), _NONE, _NONE
 
 
 def ridden(p: Values) -> tuple[Square, Square, Square]:
     """Matrices of a hidden mass on a spring and a damper of its own.
 
-    Parameters
-    ----------
-    p
-        Mass [kg], natural frequency [Hz], damping of the spring [N s/m].
-
-    Returns
-    -------
-    Mass [kg], damping [N s/m] and stiffness [N/m], over the place and the hidden mass.
+    `p`: mass [kg], natural frequency [Hz], damping of the spring [N s/m]; the matrices are over
+    the place and the hidden mass.
     """
     mass, frequency, damping = p
     stiffness = mass * (2 * math.pi * frequency) ** 2
@@ -126,38 +70,15 @@ def ridden(p: Values) -> tuple[Square, Square, Square]:
 
 
 def rings(parameters: Mapping[str, float], motion: Motion) -> bool:
-    """Tell whether a hidden mass is underdamped enough to oscillate, not only to lag.
-
-    Parameters
-    ----------
-    parameters
-        Parameters of the effect, by name, in their units.
-    motion
-        Motion of the place of the effect.
-
-    Returns
-    -------
-    Whether the motion shows the effect.
-    """
+    """Tell whether a hidden mass is underdamped enough to oscillate, not only to lag."""
     critical = 4 * math.pi * parameters["frequency_hz"] * parameters["mass_kg"]
     return parameters["damping_n_s_per_m"] <= RINGS * critical
 
 
 def resonances(motion: Motion) -> list[Shape]:
-    """List frequencies near those at which the place moves most, with light and heavy damping.
-
-    By acceleration and by speed: of many modes, the slow ones show in the latter. Some
-    frequencies lie above them all, where a hidden oscillator acts almost as a mass.
-
-    Parameters
-    ----------
-    motion
-        Motion of the place of the effect.
-
-    Returns
-    -------
-    Values of the shape parameters to try, by name.
-    """
+    """List frequencies near those at which the place moves most, lightly and heavily damped."""
+    # By acceleration and by speed: of many modes, the slow ones show in the latter. Some
+    # frequencies lie above them all, where a hidden oscillator acts almost as a mass.
     lines = lines_hz(motion.a, motion.times, 4)
     slow = lines_hz(motion.v, motion.times, 2)
     lines += [one for one in slow if all(abs(one - line) > SAME * line for line in lines)]
@@ -175,22 +96,9 @@ def resonances(motion: Motion) -> list[Shape]:
 
 
 def riders(mass_kg: float, frequencies_hz: Sequence[float]) -> list[Shape]:
-    """Light oscillators a little above each mode, the fastest first.
-
-    One that is too fast acts as a mass at first, and a refit slows it down; one that is too
-    slow has no effect, and a refit does not change it.
-
-    Parameters
-    ----------
-    mass_kg
-        Mass of the node [kg].
-    frequencies_hz
-        Undamped natural frequencies of the model [Hz].
-
-    Returns
-    -------
-    Values of all parameters of each oscillator, by name.
-    """
+    """Light oscillators a little above each mode, the fastest first."""
+    # One that is too fast acts as a mass at first, and a refit slows it down; one that is too
+    # slow has no effect, and a refit does not change it.
     return [
         {
             "mass_kg": LIGHT * mass_kg,

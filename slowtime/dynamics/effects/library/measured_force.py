@@ -52,19 +52,8 @@ def spline(share: float, intervals: int, differences: Any, first: int) -> float:
     Independent priors of the differences make a smooth curve, which stays level where no
     record determines it (P-splines).
 
-    Parameters
-    ----------
-    share
-        Share of the range that lies below [1], within [0, 1].
-    intervals
-        Number of intervals; there are three coefficients more.
-    differences, first
-        Array with the first coefficient and the difference of each later one to that before,
-        and the index of the first one.
-
-    Returns
-    -------
-    Value of the spline, in the unit of the coefficients.
+    The differences begin with the first coefficient, at index `first`; there are three
+    coefficients more than intervals.
 
     References
     ----------
@@ -93,12 +82,7 @@ def spline(share: float, intervals: int, differences: Any, first: int) -> float:
 def warped(value: float, low: float, high: float, centre: float, dense: float) -> float:
     """Give the share of the warped range that lies below a value [1].
 
-    Parameters
-    ----------
-    value, low, high
-        The value, held within the range.
-    centre, dense
-        Where knots are densest, and the distance over which they stay so.
+    Knots are densest at `centre`, and stay so over the distance `dense`.
     """
     least, here, most = (
         (low - centre) / dense,
@@ -119,15 +103,8 @@ def curve(
 
     The slope beyond an edge is the mean slope over the outer fifth of the half range.
 
-    Parameters
-    ----------
-    value, low, high
-        The value, and the range of the spline.
-    centre, dense
-        Where knots are densest, and the distance over which they stay so.
-    p, first
-        Array with the coefficients, and the index of the first one: of `FINE` intervals for the
-        elongation, of `SPEED` for its rate.
+    Its coefficients begin at index `first` of `p`: of `FINE` intervals for the elongation, of
+    `SPEED` for its rate.
     """
     intervals = 10 if first == 10 else 8
     held = min(max(value, low), high)
@@ -141,15 +118,7 @@ def curve(
 
 @compiled
 def static(e: float, v: float, p: Any) -> float:
-    """Give the part of the surface without memory [N].
-
-    Parameters
-    ----------
-    e, v
-        Elongation [m] and its rate [m/s].
-    p
-        Parameters of the surface, in the order of `SCALES` and `TERMS`.
-    """
+    """Give the part of the surface without memory [N]."""
     x, y = e / max(abs(p[4]), abs(p[5])), v / p[7]
     s, q = math.tanh(v / p[0]), math.tanh(e / p[1])
     at = warped(min(max(e, p[4]), p[5]), p[4], p[5], p[2], p[3])
@@ -166,15 +135,7 @@ def static(e: float, v: float, p: Any) -> float:
 
 @compiled
 def mirrored(here: float, there: float, parity: float) -> float:
-    """Give the odd (parity -1) or the even (1) part of a force, or (0) the force.
-
-    Parameters
-    ----------
-    here, there
-        Force [N] at a point, and at its mirror image.
-    parity
-        -1, 0 or 1 [1].
-    """
+    """Give the odd (parity -1) or the even (1) part of a force, or (0) the force."""
     return float(here if parity == 0.0 else (here + parity * there) / 2.0)
 
 
@@ -188,14 +149,7 @@ def surface(e: float, v: float, t: float, z: Any, p: Any) -> float:
 def remembered(e: float, v: float, w: float, r: float, level: float, p: Any) -> float:
     """Give the part of the surface that depends on past motion or on age [N].
 
-    Parameters
-    ----------
-    e, v
-        Elongation [m] and its rate [m/s].
-    w, r, level
-        Memories of the path and of the time, and the slow level [1].
-    p
-        Parameters of the surface with memory.
+    It depends on memories of the path and of the time, `w` and `r`, and on the slow level [1].
     """
     x = min(max(e, p[4]), p[5]) / max(abs(p[4]), abs(p[5]))
     changed = (p[66] + (p[67] + p[68] * level) * level) * x + p[69] * v / p[7]
@@ -227,14 +181,7 @@ def time_memory(e: float, v: float, t: float, z: Any, p: Any) -> float:
 def level_of(t: float, m: float, p: Any) -> float:
     """Give the slow level [1].
 
-    Parameters
-    ----------
-    t
-        Campaign time [s].
-    m
-        Mean of the recent y^2, or largest |x| so far [1].
-    p
-        Parameters of the surface with memory.
+    `m` is the mean of the recent y^2, or the largest |x| so far [1].
     """
     if p[60] > 1.5:
         return 1.0 - math.exp(-max(t, 0.0) / p[59])
@@ -356,17 +303,7 @@ _SYMBOLS = (
 
 
 def contradiction(parameters: Mapping[str, float]) -> str | None:
-    """Explain which coefficient a surface of the chosen shape cannot have.
-
-    Parameters
-    ----------
-    parameters
-        Parameters of the surface by name, in their units.
-
-    Returns
-    -------
-    Message to the user; None where the parameters fit each other.
-    """
+    """Explain which coefficient a surface of the chosen shape cannot have; None for none."""
     chosen = [n for n in ("monotone_e", "monotone_v") if parameters.get(n, 0.0)]
     if not chosen:
         return None

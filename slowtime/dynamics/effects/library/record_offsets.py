@@ -8,34 +8,13 @@ from slowtime.dynamics.effects.kind import Kind, Parameter, RecordOffset
 def pushed(e: float, v: float, t: float, z: Any, p: Any) -> float:
     """Force of an input beyond the recorded one.
 
-    Parameters
-    ----------
-    e, v, t
-        Motion and time; not used.
-    z
-        Constant of the record, over that of all records [N].
-    p
-        Constant of all records [N].
-
-    Returns
-    -------
-    Force on the node of the input [N].
+    `z`: constant of the record, over that of all records, `p` [N].
     """
     return float(p[0] + z[0])
 
 
 def none(e: float, v: float, t: float, z: Any, p: Any) -> float:
-    """Give no force, and no change of a constant.
-
-    Parameters
-    ----------
-    e, v, t, z, p
-        Not used.
-
-    Returns
-    -------
-    Zero [N or 1/s].
-    """
+    """Give no force, and no change of a constant."""
     return 0.0
 
 

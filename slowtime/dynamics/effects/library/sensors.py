@@ -26,72 +26,33 @@ from .inputs import delayed
 def biased(series: Several, times: Series, p: Values) -> Several:
     """Series with a constant added.
 
-    Parameters
-    ----------
-    p
-        The constant [unit of the series].
-
-    Returns
-    -------
-    Series, in the same unit.
+    `p`: the constant [unit of the series].
     """
     return np.asarray(series + p[0])
 
 
 def unchanged(series: Several, times: Series, p: Values) -> Several:
-    """Series of a sensor whose model already says where it sits.
-
-    Parameters
-    ----------
-    p
-        Number of the node; not used.
-    """
+    """Series of a sensor whose model already says where it sits."""
     return series
 
 
 def drifting(series: Several, times: Series, p: Values) -> Several:
     """Series with a drift added, linear in campaign time.
 
-    Parameters
-    ----------
-    times
-        Campaign times [s].
-    p
-        Drift in the end [unit of the series]; campaign time at which it is reached [s].
-
-    Returns
-    -------
-    Series, in the same unit.
+    `p`: drift in the end [unit of the series]; campaign time at which it is reached [s].
     """
     return np.asarray(series + p[0] * times / p[1])
 
 
 def gained(series: Several, times: Series, p: Values) -> Several:
-    """Series times a factor.
-
-    Parameters
-    ----------
-    p
-        The factor [1].
-
-    Returns
-    -------
-    Series, in the same unit.
-    """
+    """Series times a factor."""
     return np.asarray(p[0] * series)
 
 
 def clipped(series: Several, times: Series, p: Values) -> Several:
     """Series clipped at the range of the sensor.
 
-    Parameters
-    ----------
-    p
-        Largest value that the sensor outputs [unit of the series].
-
-    Returns
-    -------
-    Series, in the same unit.
+    `p`: largest value that the sensor outputs [unit of the series].
     """
     return np.asarray(np.clip(series, -p[0], p[0]))
 
@@ -99,19 +60,8 @@ def clipped(series: Several, times: Series, p: Values) -> Several:
 def dropped(series: Several, times: Series, p: Values) -> Several:
     """Series that stays at zero, or at its last value, for a while.
 
-    Parameters
-    ----------
-    series
-        True series, the last axis is time.
-    times
-        Campaign times [s].
-    p
-        Campaign time at which it begins [s]; its duration [s]; 0 for zero, 1 for the last
-        value.
-
-    Returns
-    -------
-    Series, in the same unit.
+    `p`: campaign time at which it begins [s]; its duration [s]; 0 for zero, 1 for the last
+    value.
     """
     told = series.copy()
     out = (times >= p[0]) & (times < p[0] + p[1])
@@ -124,16 +74,7 @@ def dropped(series: Several, times: Series, p: Values) -> Several:
 def timed(series: Several, times: Series, p: Values) -> Several:
     """Series sampled by a clock that runs fast or slow from the first sample of a record on.
 
-    Parameters
-    ----------
-    times
-        Campaign times [s].
-    p
-        Relative error of the clock's rate [1].
-
-    Returns
-    -------
-    Series, in the same unit.
+    `p`: relative error of the clock's rate [1].
     """
     if len(times) < 2:
         return series
@@ -144,18 +85,7 @@ def timed(series: Several, times: Series, p: Values) -> Several:
 def retimed(series: Several, times: Series, p: Values) -> Several:
     """Series as a correct clock would have sampled it.
 
-    Parameters
-    ----------
-    series
-        Series sampled by the wrong clock, the last axis is time.
-    times
-        Campaign times [s].
-    p
-        Relative error of the clock's rate [1].
-
-    Returns
-    -------
-    Series, in the same unit.
+    `p`: relative error of the clock's rate [1].
     """
     return timed(series, times, np.array([-p[0] / (1.0 + p[0])]))
 
@@ -163,18 +93,7 @@ def retimed(series: Several, times: Series, p: Values) -> Several:
 def advanced(series: Several, times: Series, p: Values) -> Several:
     """Series as a sensor without the delay would have told it.
 
-    Parameters
-    ----------
-    series
-        Series of the late sensor, the last axis is time.
-    times
-        Campaign times [s].
-    p
-        The delay [s].
-
-    Returns
-    -------
-    Series, in the same unit.
+    `p`: the delay [s].
     """
     return delayed(series, times, -p)
 

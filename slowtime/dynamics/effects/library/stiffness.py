@@ -26,10 +26,7 @@ LEAST_BEND = 0.02
 def cubic(e: float, v: float, t: float, z: Any, p: Any) -> float:
     """Force of a cubic spring (Duffing) [N].
 
-    Parameters
-    ----------
-    p
-        Cubic stiffness [N/m^3].
+    `p`: cubic stiffness [N/m^3].
     """
     return float(p[0] * e * e * e)
 
@@ -37,10 +34,7 @@ def cubic(e: float, v: float, t: float, z: Any, p: Any) -> float:
 def quadratic(e: float, v: float, t: float, z: Any, p: Any) -> float:
     """Force of a quadratic spring; it has the same sign at either elongation [N].
 
-    Parameters
-    ----------
-    p
-        Quadratic stiffness [N/m^2].
+    `p`: quadratic stiffness [N/m^2].
     """
     return float(p[0] * e * e)
 
@@ -48,10 +42,7 @@ def quadratic(e: float, v: float, t: float, z: Any, p: Any) -> float:
 def saturating(e: float, v: float, t: float, z: Any, p: Any) -> float:
     """Force of a spring that levels off, less its linear force [N].
 
-    Parameters
-    ----------
-    p
-        Stiffness that levels off [N/m]; elongation at which it does [m].
+    `p`: stiffness that levels off [N/m]; elongation at which it does [m].
     """
     return float(p[0] * (p[1] * math.tanh(e / p[1]) - e))
 
@@ -59,22 +50,7 @@ def saturating(e: float, v: float, t: float, z: Any, p: Any) -> float:
 def gap(e: float, v: float, t: float, z: Any, p: Any) -> float:
     """Force of stops on both sides, each beyond a gap.
 
-    Parameters
-    ----------
-    e
-        Elongation [m].
-    v
-        Its rate [m/s].
-    t
-        Campaign time [s]; not used.
-    z
-        Internal states; none.
-    p
-        Stiffness of the stops [N/m]; gap before them [m].
-
-    Returns
-    -------
-    Force [N].
+    `p`: stiffness of the stops [N/m]; gap before them [m].
     """
     if e > p[1]:
         return float(p[0] * (e - p[1]))
@@ -86,22 +62,7 @@ def gap(e: float, v: float, t: float, z: Any, p: Any) -> float:
 def stop(e: float, v: float, t: float, z: Any, p: Any) -> float:
     """Force of a stop on one side, beyond a gap.
 
-    Parameters
-    ----------
-    e
-        Elongation [m].
-    v
-        Its rate [m/s].
-    t
-        Campaign time [s]; not used.
-    z
-        Internal states; none.
-    p
-        Stiffness of the stop [N/m]; gap before it [m]; side of the stop, 1 or -1 [1].
-
-    Returns
-    -------
-    Force [N].
+    `p`: stiffness of the stop [N/m]; gap before it [m]; side of the stop, 1 or -1 [1].
     """
     beyond = p[2] * e - p[1]
     return float(p[0] * p[2] * beyond) if beyond > 0 else 0.0
@@ -110,22 +71,7 @@ def stop(e: float, v: float, t: float, z: Any, p: Any) -> float:
 def pendulum(e: float, v: float, t: float, z: Any, p: Any) -> float:
     """Torque of gravity on a pendulum, less its linear part.
 
-    Parameters
-    ----------
-    e
-        Angle [rad].
-    v
-        Its rate [rad/s].
-    t
-        Campaign time [s]; not used.
-    z
-        Internal states; none.
-    p
-        Torsional stiffness of gravity [N m/rad].
-
-    Returns
-    -------
-    Torque [N m].
+    `p`: torsional stiffness of gravity [N m/rad]; `e` is an angle [rad].
     """
     return float(p[0] * (math.sin(e) - e))
 
@@ -186,54 +132,24 @@ def contacts(motion: Motion) -> list[Shape]:
 
 
 def saturations(motion: Motion) -> list[Shape]:
-    """List elongations at which a spring may level off.
-
-    Returns
-    -------
-    Values of the shape parameters to try, by name.
-    """
+    """List elongations at which a spring may level off."""
     top = levels(motion.e, 0.999)
     return each("es_m", [share * level for level in top for share in (0.15, 0.3, 0.6, 1.2)])
 
 
 def gaps(motion: Motion) -> list[Shape]:
-    """List gaps that the motion closes now and then.
-
-    Parameters
-    ----------
-    motion
-        Motion of the place of the effect.
-
-    Returns
-    -------
-    Values of the shape parameters to try, by name.
-    """
+    """List gaps that the motion closes now and then."""
     return each("gap_m", levels(motion.e, 0.25, 0.45, 0.6, 0.75, 0.87, 0.95))
 
 
 def stops(motion: Motion) -> list[Shape]:
-    """List gaps on either side, and none.
-
-    Returns
-    -------
-    Values of the shape parameters to try, by name.
-    """
+    """List gaps on either side, and none."""
     gaps = [0.0, *levels(motion.e, 0.25, 0.5, 0.7, 0.85, 0.95)]
     return [{"gap_m": gap, "side": side} for side in (1.0, -1.0) for gap in gaps]
 
 
 def levelled(parameters: Mapping[str, float], motion: Motion) -> bool:
-    """Tell whether a motion shows a spring levelling off, and not only its saturated force.
-
-    Parameters
-    ----------
-    parameters
-        Parameters of the effect, by name, in their units.
-
-    Returns
-    -------
-    Whether the motion shows the effect.
-    """
+    """Tell whether a motion shows a spring levelling off, and not only its saturated force."""
     return parameters["es_m"] > LEAST_BEND * float(np.abs(motion.e).max())
 
 

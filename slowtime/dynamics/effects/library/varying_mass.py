@@ -21,18 +21,7 @@ the changing mass were damping."""
 def lagged(e: float, v: float, t: float, z: Any, p: Any) -> float:
     """Rate of the state that follows the speed, which is the acceleration [m/s^2].
 
-    Parameters
-    ----------
-    e
-        Displacement [m].
-    v
-        Its rate [m/s].
-    t
-        Campaign time [s].
-    z
-        The speed a lag ago [m/s].
-    p
-        Parameters; not used.
+    `z`: the speed a lag ago [m/s].
     """
     return float((v - z[0]) / LAG_S)
 
@@ -40,22 +29,7 @@ def lagged(e: float, v: float, t: float, z: Any, p: Any) -> float:
 def jump(e: float, v: float, t: float, z: Any, p: Any) -> float:
     """Inertia of a mass that is there from one instant on.
 
-    Parameters
-    ----------
-    e
-        Displacement [m].
-    v
-        Its rate [m/s].
-    t
-        Campaign time [s].
-    z
-        The speed a lag ago [m/s].
-    p
-        Mass added [kg]; campaign time of the jump [s].
-
-    Returns
-    -------
-    Force on the node [N].
+    `p`: mass added [kg]; campaign time of the jump [s]. `z`: the speed a lag ago [m/s].
     """
     return float(-p[0] * (v - z[0]) / LAG_S) if t >= p[1] else 0.0
 
@@ -63,57 +37,19 @@ def jump(e: float, v: float, t: float, z: Any, p: Any) -> float:
 def drift(e: float, v: float, t: float, z: Any, p: Any) -> float:
     """Inertia of a mass that grows linearly in time.
 
-    Parameters
-    ----------
-    e
-        Displacement [m].
-    v
-        Its rate [m/s].
-    t
-        Campaign time [s].
-    z
-        The speed a lag ago [m/s].
-    p
-        Mass added in the end [kg]; campaign time at which all of it is there [s].
-
-    Returns
-    -------
-    Force on the node [N].
+    `p`: mass added in the end [kg]; campaign time at which all of it is there [s]. `z`: the
+    speed a lag ago [m/s].
     """
     return float(-p[0] * (v - z[0]) / LAG_S * t / p[1])
 
 
 def along_jump(motion: Motion, p: Values) -> Series:
-    """Force of `jump` along a known motion, without the lag.
-
-    Parameters
-    ----------
-    motion
-        Motion of the node.
-    p
-        Mass added [kg]; campaign time of the jump [s].
-
-    Returns
-    -------
-    Force on the node [N].
-    """
+    """Force of `jump` along a known motion, without the lag."""
     return np.asarray(-p[0] * motion.a * (motion.times >= p[1]))
 
 
 def along_drift(motion: Motion, p: Values) -> Series:
-    """Force of `drift` along a known motion, without the lag.
-
-    Parameters
-    ----------
-    motion
-        Motion of the node.
-    p
-        Mass added in the end [kg]; campaign time at which all of it is there [s].
-
-    Returns
-    -------
-    Force on the node [N].
-    """
+    """Force of `drift` along a known motion, without the lag."""
     return np.asarray(-p[0] * motion.a * motion.times / p[1])
 
 

@@ -11,18 +11,7 @@ from .parameter_grids import each, lines_hz, within
 def jump(e: float, v: float, t: float, z: Any, p: Any) -> float:
     """Force lost by a stiffness that jumps [N].
 
-    Parameters
-    ----------
-    e
-        Elongation [m].
-    v
-        Its rate [m/s].
-    t
-        Campaign time [s].
-    z
-        Internal states; none.
-    p
-        Stiffness lost [N/m]; campaign time of the jump [s].
+    `p`: stiffness lost [N/m]; campaign time of the jump [s].
     """
     return float(-p[0] * e) if t >= p[1] else 0.0
 
@@ -30,22 +19,7 @@ def jump(e: float, v: float, t: float, z: Any, p: Any) -> float:
 def drift(e: float, v: float, t: float, z: Any, p: Any) -> float:
     """Force lost by a stiffness that falls linearly in time.
 
-    Parameters
-    ----------
-    e
-        Elongation [m].
-    v
-        Its rate [m/s].
-    t
-        Campaign time [s].
-    z
-        Internal states; none.
-    p
-        Stiffness lost in the end [N/m]; campaign time at which all of it is lost [s].
-
-    Returns
-    -------
-    Force [N].
+    `p`: stiffness lost in the end [N/m]; campaign time at which all of it is lost [s].
     """
     return float(-p[0] * e * t / p[1])
 
@@ -53,68 +27,23 @@ def drift(e: float, v: float, t: float, z: Any, p: Any) -> float:
 def parametric(e: float, v: float, t: float, z: Any, p: Any) -> float:
     """Force of a stiffness that oscillates (parametric excitation).
 
-    Parameters
-    ----------
-    e
-        Elongation [m].
-    v
-        Its rate [m/s].
-    t
-        Campaign time [s].
-    z
-        Internal states; none.
-    p
-        Amplitude of the stiffness [N/m], frequency [Hz], phase at campaign time 0 [rad].
-
-    Returns
-    -------
-    Force [N].
+    `p`: amplitude of the stiffness [N/m], frequency [Hz], phase at campaign time 0 [rad].
     """
     return float(p[0] * math.cos(2.0 * math.pi * p[1] * t + p[2]) * e)
 
 
 def instants(motion: Motion) -> list[Shape]:
-    """List instants all over the record.
-
-    Parameters
-    ----------
-    motion
-        Motion of the place of the effect.
-
-    Returns
-    -------
-    Values of the shape parameters to try, by name.
-    """
+    """List instants all over the record."""
     return each("t_jump_s", within(motion, 24))
 
 
 def spans(motion: Motion) -> list[Shape]:
-    """List one drift, over the whole of the campaign so far.
-
-    Parameters
-    ----------
-    motion
-        Motion of the place of the effect.
-
-    Returns
-    -------
-    Values of the shape parameters to try, by name.
-    """
+    """List one drift, over the whole of the campaign so far."""
     return each("span_s", [float(motion.times[-1])] if motion.times[-1] > 0 else [])
 
 
 def beats(motion: Motion) -> list[Shape]:
-    """List twice the frequencies at which the place moves, and their sums and differences.
-
-    Parameters
-    ----------
-    motion
-        Motion of the place of the effect.
-
-    Returns
-    -------
-    Values of the shape parameters to try, by name.
-    """
+    """List twice the frequencies at which the place moves, and their sums and differences."""
     lines = lines_hz(motion.e, motion.times, 3)
     pairs = {a + b for a in lines for b in lines} | {abs(a - b) for a in lines for b in lines}
     return each("frequency_hz", sorted(pair for pair in pairs if pair > 0), phase_rad=0.0)
