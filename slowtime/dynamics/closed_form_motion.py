@@ -71,11 +71,10 @@ def pulse_motion(
 ) -> tuple[Motion, Motion]:
     """Response from rest to a constant force of limited duration.
 
-    The difference of two steps. The book's form of it (eq. 3.186 to 3.188) holds after the end
-    of the pulse only, and overflows for a long one.
-
     Gives displacement [m] and velocity [m/s] at times that ascend from 0.
     """
+    # The difference of two steps. The book's form of it (eq. 3.186 to 3.188) holds after the
+    # end of the pulse only, and overflows for a long one.
     displacement, velocity = step_motion(structure, times, force)
     after = times > duration_s
     later = step_motion(structure, times[after] - duration_s, force)

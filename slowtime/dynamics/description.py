@@ -189,11 +189,9 @@ def _contributions(
 
 
 def moves_with_base(description: Description) -> bool:
-    """Whether it is known what a motion of the base does to every part.
-
-    Reduced substructures are loaded by it where one of their matrices has the base among its
-    coordinates.
-    """
+    """Whether it is known what a motion of the base does to every part."""
+    # Reduced substructures are loaded by it where one of their matrices has the base among its
+    # coordinates.
     matrices = [part for part in description.elements if isinstance(part, Matrix)]
     return not matrices or any(BASE in part.coordinates for part in matrices)
 

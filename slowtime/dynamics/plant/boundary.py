@@ -157,8 +157,6 @@ def pseudo_static(
 ) -> Float[np.ndarray, "slope free moved"]:
     """Displacements of a structure per displacement of its supports, all at rest; and slopes.
 
-    Where they do not decide it, as of a body on dampers alone, the least.
-
     The matrix is over all coordinates [N/m], followed by its slopes.
 
     References
@@ -168,6 +166,8 @@ def pseudo_static(
     """
     inner = stiffness[:, :free, :free]
     outer = stiffness[:, :free, free + 1 : free + 1 + moved]
+    # Where the supports do not decide it, as of a body on dampers alone, the least
+    # displacements.
     inverse = np.linalg.pinv(inner[0], hermitian=True)
     first = -inverse @ outer[0]
     slopes = -inverse @ (outer[1:] + inner[1:] @ first)

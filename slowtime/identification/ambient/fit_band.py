@@ -193,9 +193,6 @@ def ring_scores(
 ) -> Float[np.ndarray, " score"]:
     """Score the mean ratio of ordinates to their expectation, ring by ring.
 
-    Means of n ratios are gamma distributed; their cube roots are Gaussian (Wilson and
-    Hilferty), with variance 1 / 9 n about 1 - 1 / 9 n.
-
     Distances are the outer radii of the rings [Hz]; under a true model the scores are standard
     normal.
     """
@@ -212,6 +209,8 @@ def ring_scores(
             inside = label == k
             count, total = count + data.number[inside].sum(), total + ratio[inside].sum()
             if count >= WORTH:
+                # Means of n ratios are gamma distributed; their cube roots are Gaussian (Wilson
+                # and Hilferty), with variance 1 / 9 n about 1 - 1 / 9 n.
                 root = (total / count) ** (1 / 3)
                 scores.append(3 * np.sqrt(count) * (root - 1 + 1 / (9 * count)))
                 count = total = 0.0

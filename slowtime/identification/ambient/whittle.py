@@ -113,11 +113,9 @@ class Periodogram:
 
 
 def group_ordinates(data: Periodogram, centre_hz: float) -> Periodogram:
-    """Average neighbouring ordinates over a twelfth of their distance from the peak.
-
-    A resonance falls off like the square of that distance, so averaging loses under 0.2 % of
-    its shape, and leaves a few hundred ordinates of however long a record.
-    """
+    """Average neighbouring ordinates over a twelfth of their distance from the peak."""
+    # A resonance falls off like the square of that distance, so averaging loses under 0.2 % of
+    # its shape, and leaves a few hundred ordinates of however long a record.
     offset = np.abs(data.frequency_hz - centre_hz) * data.count / data.rate_hz
     # Cumulated 1/width passes a whole number wherever one group ends and the next begins.
     group = np.floor(np.cumsum(1.0 / np.maximum(1.0, offset / 12.0)) + 1e-9).astype(int)

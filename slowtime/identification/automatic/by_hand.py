@@ -104,17 +104,15 @@ def _held(fit: FittedMode | None, before: FittedMode) -> FittedMode:
 
 
 def of_diagram(one: StablePole, sources: Sequence[Poles]) -> FittedMode:
-    """Values of a pole of the diagram, with errors to first order.
-
-    The standard deviation of its shape is the scatter over the poles of other orders, or that
-    of an arbitrary shape where there are none.
-    """
+    """Values of a pole of the diagram, with errors to first order."""
     shapes = np.concatenate([poles.shape for poles in sources], axis=1)[:, one.members]
     shape = one.shape / np.linalg.norm(one.shape)
     turned = shapes / np.linalg.norm(shapes, axis=0)
     turned = turned * np.exp(-1j * np.angle(shape.conj() @ turned))
     away = np.sqrt(np.mean(np.abs(turned - shape[:, None]) ** 2, axis=1))
     alone = len(one.members) < 2 or mac(shape, turned.mean(axis=1)) == 1.0
+    # The scatter over the poles of other orders, or the deviation of an arbitrary shape where
+    # there are none.
     sd = np.full(len(shape), 1 / np.sqrt(len(shape))) if alone else away
     size, decay = abs(one.pole), -one.pole.real
     omega_sd = 2 * np.pi * one.frequency_sd_hz

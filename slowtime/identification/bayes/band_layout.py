@@ -68,13 +68,11 @@ def band_problems(
 def group_modes(
     found: tuple[InitialEstimate, ...], duration_s: float, *, coherent: bool = False
 ) -> list[tuple[int, ...]]:
-    """Group the modes that are fitted together.
-
-    Where modes have forces in common that is as many as can be, however far apart.
-    """
+    """Group the modes that are fitted together."""
     widths = np.array([guess.half_width_hz(duration_s) for guess in found])
     places = np.array([guess.frequency_hz for guess in found])
     gaps = np.diff(places) / (0.5 * (widths[1:] + widths[:-1]))
+    # Modes with forces in common are fitted together however far apart they are.
     reach = np.inf if coherent else TOGETHER
     chains = np.split(np.arange(len(found)), 1 + np.flatnonzero(gaps >= reach))
     return [group for chain in chains for group in _parted(chain, gaps)]

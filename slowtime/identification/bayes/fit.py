@@ -67,12 +67,9 @@ class BandPosterior:
 
 
 def fit_band(band: Band, start: BandModes) -> BandPosterior:
-    """Maximise the posterior by Fisher scoring and Newton steps.
-
-    The covariance is the inverse of the Hessian of the negative log-posterior; where that is
-    not positive (short records) or there are many parameters (coherences among them), of the
-    Fisher information.
-    """
+    """Maximise the posterior by Fisher scoring and Newton steps."""
+    # With coherences there are many parameters, so that the Fisher information serves in place
+    # of the Hessian; so it does where the Hessian is not positive (short records).
     if start.coherent:
         vector, converged = _climb(band, parameter_vector(start), start, NEAR)
         hessian = gradient_and_information(band, vector, start)[1]

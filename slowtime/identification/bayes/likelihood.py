@@ -91,11 +91,8 @@ def log_prior(modes: BandModes, start: BandModes) -> float:
 def coherence_score(band: Band, start: BandModes) -> tuple[float, int]:
     r"""Rao's score statistic of coherences that are zero in `start`.
 
-    :math:`s^T I^{-1} s`, s and I what is left of slope and information when the other
-    parameters are free to give way; over the directions in which the record would know a
-    coherence to better than 1.
-
-    Gives the statistic and its degrees of freedom; forces are independent in `start`.
+    Slope and information are what is left when the other parameters are free to give way. Gives
+    the statistic and its degrees of freedom; forces are independent in `start`.
     """
     parts = _worked_out(band, parameter_vector(start), start)
     uphill, information = _slope(band, parts), _information(band, parts)
@@ -107,6 +104,7 @@ def coherence_score(band: Band, start: BandModes) -> tuple[float, int]:
     gain = np.linalg.lstsq(among, across)[0]
     values, vectors = np.linalg.eigh(information[np.ix_(asked, asked)] - across.T @ gain)
     scores = vectors.T @ (uphill[asked] - gain.T @ uphill[told])
+    # Only directions in which the record would know a coherence to better than 1.
     known = values > 1.0
     return float(np.sum(scores[known] ** 2 / values[known])), int(known.sum())
 

@@ -51,18 +51,16 @@ class IsolatedSeries:
 def isolate_mode(
     series: Float[np.ndarray, " time"], rate_hz: float, candidate: PeakCandidate
 ) -> IsolatedSeries:
-    """Filter and decimate a series to the band of a mode; decays stay exact.
-
-    A finite filter whose whole length lies on the record turns a decaying oscillation into
-    itself times a constant: frequency and damping stay, and the edges, where it would not, are
-    given up. What is slower than the band is left to the fit as drift wherever a filter
-    would cost too much of a short record.
-    """
+    """Filter and decimate a series to the band of a mode; decays stay exact."""
     low = max(candidate.low_hz, candidate.frequency_hz / REACH)
     high = min(candidate.high_hz, candidate.frequency_hz * REACH)
     duration = len(series) / rate_hz
     if 2 * REACH * candidate.frequency_hz * duration > MOST_SAMPLES:
         return _narrowed(series, rate_hz, candidate, low, high)
+    # A finite filter whose whole length lies on the record turns a decaying oscillation into
+    # itself times a constant: frequency and damping stay, and the edges, where it would not,
+    # are given up. What is slower than the band is left to the fit as drift wherever a filter
+    # would cost too much of a short record.
     drift, start = low, 0.0
     if 2 * duration * low > MOST_TERMS:
         series, lost = _filtered(series, rate_hz, low / 2, low, "highpass")

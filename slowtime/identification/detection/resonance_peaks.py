@@ -75,7 +75,7 @@ def detect_peaks(
 
     Every channel's Hann periodogram is divided by its own floor; the mean over channels of n
     ordinates exceeds the quantile of a gamma law with probability `FALSE_ALARM` over the whole
-    spectrum. What is weak beside a close, stronger peak is left to that one's fit.
+    spectrum.
     """
     curve = _curve(columns, rate_hz, taper, high)
     inside = (curve.frequency_hz >= low) & (curve.frequency_hz <= high)
@@ -84,6 +84,7 @@ def detect_peaks(
     threshold = _threshold_db(curve.worth[tops], int(inside.sum()))
     high_enough = height[tops] > threshold
     tops, threshold = tops[high_enough], threshold[high_enough]
+    # What is weak beside a close, stronger peak is left to that one's fit.
     separate = separate_peaks(curve.level_db, tops, _valley_db(curve.worth[tops]))
     thresholds = dict(zip(tops.tolist(), threshold.tolist(), strict=True))
     above = _above_skirts(curve, separate, thresholds)
@@ -97,14 +98,12 @@ def detect_separate_peaks(
     *,
     taper: str = "hann",
 ) -> list[PeakCandidate]:
-    """Peaks without companions whose own bands overlap the band that is reported.
-
-    Peaks are sought in the whole record, so that the band of a candidate ends at the valley to
-    its neighbour, and not at an edge that the user chose. A peak just outside is returned too,
-    because the frequency of its mode may lie inside.
-    """
+    """Peaks without companions whose own bands overlap the band that is reported."""
     usual = checks.band(None, rate_hz, len(columns))
     given = None if band_hz is None else checks.band(band_hz, rate_hz, len(columns))
+    # Peaks are sought in the whole record, so that the band of a candidate ends at the valley
+    # to its neighbour, and not at an edge that the user chose. A peak just outside is returned
+    # too, because the frequency of its mode may lie inside.
     found = without_companions(
         detect_peaks(columns, rate_hz, *checks.modelled_band(given, usual), taper=taper),
         len(columns) / rate_hz,
@@ -141,11 +140,7 @@ def strongest_peak(
 
 
 def without_companions(found: list[PeakCandidate], duration_s: float) -> list[PeakCandidate]:
-    """Remove the companions (side lobes, lesser close modes) of stronger peaks.
-
-    The band of a companion goes to its nearest stronger neighbour, so that both are fitted
-    together.
-    """
+    """Remove the companions (side lobes, lesser close modes) of stronger peaks."""
     lead = [c for c in found if not any(_outshines(other, c, duration_s) for other in found)]
     for companion in found:
         if any(c.frequency_hz == companion.frequency_hz for c in lead):
@@ -154,6 +149,8 @@ def without_companions(found: list[PeakCandidate], duration_s: float) -> list[Pe
         near = int(np.argmin(distance))
         host = lead[near]
         if distance[near] < np.log(2.0):
+            # The band of a companion goes to its nearest stronger neighbour, so that both are
+            # fitted together.
             lead[near] = dataclasses.replace(
                 host,
                 low_hz=min(host.low_hz, companion.low_hz),
@@ -260,18 +257,16 @@ def _least(table: list[list[float]], first: int, last: int) -> float:
 
 
 def _above_skirts(curve: _Curve, tops: list[int], threshold: dict[int, float]) -> list[int]:
-    r"""From the highest down, the peaks significant above the skirts of the higher ones too.
-
-    Far from its resonance, at :math:`W = f / f_0`, a mode's acceleration under white force has
-    the density :math:`c\, W^4 / (1 - W^2)^2`; c is the median of what is there, which lesser
-    peaks do not move.
-    """
+    r"""From the highest down, the peaks significant above the skirts of the higher ones too."""
     kept: list[int] = []
     background: Float[np.ndarray, " frequency"] = np.ones(len(curve.level_db))
     for top in sorted(tops, key=lambda k: -curve.level_db[k]):
         if curve.level_db[top] - 10 * np.log10(background[top]) <= threshold[top]:
             continue
         kept.append(top)
+        # Far from its resonance, at W = f / f0, a mode's acceleration under white force has the
+        # density c W^4 / (1 - W^2)^2; c is the median of what is there, which lesser peaks do
+        # not move.
         _add_skirt(curve, top, background)
     return sorted(kept)
 

@@ -116,11 +116,12 @@ def decompose_spectrum(
 ) -> SpectralDecomposition:
     """Singular value decomposition of the whole spectrum, with its significant peaks.
 
-    All from 20 cycles in the record to nearly half the rate is covered, so that peaks and
-    valleys do not depend on the band that is reported. Two modes nearer to each other than
-    `resolution`, relative to the frequency, are seen as one.
+    Two modes nearer to each other than `resolution`, relative to the frequency, are seen as
+    one.
     """
     low, high = _modelled_band(band_hz, data)
+    # All from 20 cycles in the record to nearly half the rate is covered, so that peaks and
+    # valleys do not depend on the band that is reported.
     places = [low]
     while places[-1] < high:
         places.append(places[-1] + data.half_width_hz(places[-1], resolution) / PLACES)

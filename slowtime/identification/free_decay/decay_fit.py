@@ -176,11 +176,9 @@ def signal_subspace(series: Float[np.ndarray, " time"]) -> Float[np.ndarray, "la
 def matrix_pencil(
     space: Float[np.ndarray, "lag direction"], rate_hz: float, order: int
 ) -> Complex[np.ndarray, " mode"]:
-    """Poles with positive frequency of the `order` strongest real oscillations (ESPRIT).
-
-    Rotational invariance of the leading directions of the Hankel matrix (`signal_subspace`);
-    good enough to start from, and free of starting values itself.
-    """
+    """Poles with positive frequency of the `order` strongest real oscillations (ESPRIT)."""
+    # Rotational invariance of the leading directions of the Hankel matrix; good enough to start
+    # from, and free of starting values itself.
     vectors = space[:, : 2 * order]
     shift = np.linalg.lstsq(vectors[:-1], vectors[1:], rcond=None)[0]
     ratios = np.linalg.eigvals(shift)

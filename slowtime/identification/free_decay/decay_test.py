@@ -25,15 +25,13 @@ not tested."""
 
 
 def is_random(part: IsolatedSeries, candidate: PeakCandidate) -> bool:
-    """Whether no long segment of a series can be a sum of few decays.
-
-    The envelope of a sum of p decays has a Hankel matrix of rank p, over every stretch. A mode
-    under random force is driven anew within its memory, and has full rank. This costs a
-    thousandth of fitting decays to all stretches.
-    """
+    """Whether no long segment of a series can be a sum of few decays."""
     power = np.array([np.sum(eighth**2) for eighth in np.array_split(part.series, PARTS)])
     if (power[1:] + power[:-1]).max() > CONCENTRATED * power.sum():
         return False
+    # The envelope of a sum of p decays has a Hankel matrix of rank p, over every stretch. A
+    # mode under random force is driven anew within its memory, and has full rank. This costs a
+    # thousandth of fitting decays to all stretches.
     envelope = _envelope(part, candidate.frequency_hz - part.shift_hz)
     if envelope is None:
         return False

@@ -501,10 +501,7 @@ def _frequencies(times: Points, phase: Points, relative: Points) -> tuple[Points
 
 
 def local_slopes(at: Points, values: Points, sd: Points) -> tuple[Points, Points]:
-    """Slopes of parabolas through the points about each, with standard deviations.
-
-    Half of the samples of each value's neighbours are its own.
-    """
+    """Slopes of parabolas through the points about each, with standard deviations."""
     count = len(at)
     reach = min(max(count // 6, 2), 6)
     slopes, errors = np.zeros(count), np.zeros(count)
@@ -515,5 +512,6 @@ def local_slopes(at: Points, values: Points, sd: Points) -> tuple[Points, Points
         basis = np.stack([np.ones(len(x)), x, x**2], axis=1)
         slope = np.linalg.pinv(basis)[1]
         slopes[i] = float(slope @ values[near])
+        # Half of the samples of each value's neighbours are its own.
         errors[i] = math.sqrt(2 * float(slope**2 @ sd[near] ** 2))
     return slopes, errors

@@ -119,14 +119,13 @@ def fit_impact_decay(
 ) -> SegmentFit | None:
     """Fit the decay after an impact at the start of a record, all modes together.
 
-    Nothing is filtered away first, since a filter would cost the first and loudest samples.
-    None where the record does not have most of its power in its first half.
-
-    Modes of all candidates are fitted; the first is given.
+    None where the record does not have most of its power in its first half. Modes of all
+    candidates are fitted; the first is given.
     """
     loudness = np.sum(columns**2, axis=1)
     if loudness[: len(loudness) // 2].sum() < FRONT_SHARE * loudness.sum():
         return None
+    # Nothing is filtered away first, since a filter would cost the first and loudest samples.
     series = modal_series(columns, rate_hz, found[0])
     drift = drift_basis(len(series), 1)
     omegas = 2 * np.pi * np.array([one.frequency_hz for one in found[:MOST_MODES]])

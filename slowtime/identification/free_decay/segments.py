@@ -43,9 +43,6 @@ def best_segment(
 ) -> SegmentFit | None:
     """Decay fit of the segment with the smallest standard error of the frequency.
 
-    An impact, a move or another disturbance inside a stretch is not a decay: it leaves a
-    residual, the residual widens the error, and the stretch loses to one without.
-
     It explains at least the share `least` of the power; None where none does. It is flagged
     `part_of_record` if the segment is not the whole.
     """
@@ -56,6 +53,8 @@ def best_segment(
     if all(fit.explained < least for _, fit in fitted):
         return None
     fits = [_with_change(one, fit, candidate) for one, fit in fitted]
+    # An impact, a move or another disturbance inside a stretch is not a decay: it leaves a
+    # residual, the residual widens the error, and the stretch loses to one without.
     best = min(fits, key=lambda fit: fit.identified.frequency_hz.sd)
     whole = options[0]
     mode = best.identified
@@ -73,16 +72,15 @@ def best_segment(
 def widen_for_change(mode: Identified, first: Measured, second: Measured) -> Identified:
     """Add the change between two halves of a record to the error of its mode.
 
-    A frequency that moves uniformly over a record moves by half its range between the means of
-    the halves, and its spread about the mean is that over sqrt(3). What the halves' own errors
-    explain, with a probability of 95 %, is taken off.
-
     The mode is flagged `changes_within_record` beyond three standard deviations.
     """
     if not np.isfinite([mode.frequency_hz.sd, first.sd, second.sd]).all():
         return mode
     change = first.value - second.value
     chance = first.sd**2 + second.sd**2
+    # A frequency that moves uniformly over a record moves by half its range between the means
+    # of the halves, and its spread about the mean is that over sqrt(3). What the halves' own
+    # errors explain, with a probability of 95 %, is taken off.
     beyond = max(change**2 - CHANCE * chance, 0.0) / 3
     flags = mode.flags
     if change**2 > 9 * chance:

@@ -114,15 +114,14 @@ def rest_before(
 ) -> int:
     """Return how many samples of rest a record lacks that begins with its first blow.
 
-    A recorder that is triggered by the hammer stores nothing before it; the structure was at
-    rest then, and force and responses may be continued by their levels.
-
     It is 0 where the record begins long enough before the blow, or the structure moves before
     it.
     """
     signed = _upright(force)
     threshold = max(TRIGGER * signed.max(), NOISE_FACTOR * _noise(signed))
     above = np.flatnonzero(signed >= threshold)
+    # A recorder that is triggered by the hammer stores nothing before it; the structure was at
+    # rest then, and force and responses may be continued by their levels.
     needed = int(np.ceil(PRE_SHARE * len(force))) + 2
     if not len(above) or above[0] >= needed:
         return 0

@@ -125,14 +125,11 @@ def draw_envelopes(
 ) -> Complex[np.ndarray, "draw instant"]:
     r"""Draw envelopes of a mode under random force, cut to a band of `bins` like the record's.
 
-    The envelope of a lightly damped mode is a complex Ornstein–Uhlenbeck process of decay rate
-    :math:`\zeta \omega`; over the record T this is :math:`2 \pi b`, where b is the mode's
-    half-bandwidth :math:`\zeta f` counted in bins 1 / T.
-
-    Here b is `half_widths_in_record`; `snr` is the power of the mode over the noise, both
-    within the band.
+    `snr` is the power of the mode over the noise, both within the band.
     """
     count = OVERSAMPLED * bins
+    # The envelope of a lightly damped mode is a complex Ornstein-Uhlenbeck process whose decay
+    # over the record is 2 pi times the mode's half-bandwidth, counted in bins.
     keep = np.exp(-2 * np.pi * half_widths_in_record / count)
     # Single precision is ample for what is drawn, and twice as fast.
     shocks = rng.standard_normal((draws, 2 * count), dtype=np.float32).view(np.complex64)

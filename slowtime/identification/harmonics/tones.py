@@ -49,12 +49,7 @@ def strongest_bin(spectra: FourierSpectra, frequency_hz: float) -> int:
 
 
 def line_frequency(seen: NarrowBand, spacing_hz: float) -> Measured:
-    r"""Frequency of a spectral line; its error is that of a tone, or how far it wanders [Hz].
-
-    The coefficients of a tone at place p are :math:`\propto e^{i \pi (p - k)}
-    \mathrm{sinc}(p - k)` over the bins k; the best p has the standard deviation
-    :math:`\sqrt{6 / E} / 2 \pi` bins, E its energy over the noise density.
-    """
+    r"""Frequency of a spectral line; its error is a tone's, or how far it wanders [Hz]."""
     count = len(seen.envelope)
     bins = np.fft.fft(seen.envelope) / count
     offset = np.fft.fftfreq(count, 1.0 / count)
@@ -62,6 +57,9 @@ def line_frequency(seen: NarrowBand, spacing_hz: float) -> Measured:
     for _ in range(ZOOMS):
         place = float(raster[np.argmax(_matched(bins, offset, raster))])
         raster = place + (raster[1] - raster[0]) * np.linspace(-1.0, 1.0, 2 * PADDING + 1)
+    # The coefficients of a tone at place p go as exp(i pi (p - k)) sinc(p - k) over the bins k;
+    # the best p has the standard deviation sqrt(6 / E) / 2 pi bins, E its energy over the noise
+    # density.
     tone = np.sqrt(6.0 / max(seen.snr * count, 1e-9)) / (2 * np.pi)
     strong = np.abs(bins) ** 2 > STRONG * np.max(np.abs(bins)) ** 2
     spread = np.average((offset[strong] - place) ** 2, weights=np.abs(bins[strong]) ** 2)

@@ -113,12 +113,9 @@ def noise_of_fit(data: SpectralData, fit: PoleFit) -> NoiseModel:
 def enlarged_by_student(fit: PoleFit, noise: NoiseModel) -> PoleFit:
     r"""Enlarge standard deviations for noise that was estimated from few lines.
 
-    Noise that shakes a mode is known from the lines within its peak alone, less those that
-    the fit used up. Of the information on a pole the share c has such noise, with
-    :math:`\nu_p` degrees of freedom, and the rest noise of many lines, :math:`\nu_t`; the
-    variance then has :math:`1 / \nu = c^2 / \nu_p + (1 - c)^2 / \nu_t`
-    (Welch-Satterthwaite), and the factor makes 1.96 standard deviations an interval of 95 %
-    under Student's law.
+    Noise that shakes a mode is known from the lines within its peak alone, less those that the
+    fit used up. The factor makes 1.96 standard deviations an interval of 95 % under Student's
+    law.
     """
     share = np.mean(np.abs(noise.common) ** 2 / noise.sd[:, :, None] ** 2, axis=1)
     left = 1.0 - fit.leverage.mean(axis=1)
@@ -127,6 +124,8 @@ def enlarged_by_student(fit: PoleFit, noise: NoiseModel) -> PoleFit:
         weight = fit.information[:, k]
         peak = float(weight @ share[:, k])
         lines = 1.0 / np.sum(weight**2) * float(weight @ left)
+        # Of the information on a pole the share c has noise of few degrees of freedom, the rest
+        # noise of many lines: 1 / nu = c^2 / nu_p + (1 - c)^2 / nu_t (Welch-Satterthwaite).
         reciprocal = peak**2 / max(2.0 * lines, 2.0) + (1.0 - peak) ** 2 / (2 * ROWS_PER_KNOT)
         factors.append(stdtrit(1.0 / reciprocal, 0.975) / GAUSSIAN)
     both = np.concatenate([factors, factors])

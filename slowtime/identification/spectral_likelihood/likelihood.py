@@ -159,11 +159,10 @@ def _pull(base: np.ndarray, response: np.ndarray, surprise: np.ndarray) -> np.nd
 def fit_band_model(data: BandData, model: BandModel, *, roughly: bool = False) -> BandFit:
     """Maximise the likelihood from a positive definite model by Fisher scoring.
 
-    Poles stay at first; while forces are far off, they would leave for where one is missing.
-
     It stops early with `roughly`, when only dozens of log-likelihood matter.
     """
     enough, most = (ROUGHLY, SOME_STEPS) if roughly else (CONVERGED, MOST_STEPS)
+    # Poles stay at first; while forces are far off, they would leave for where one is missing.
     model, here, converged = _climbed(data, fit_forces(data, model), enough, most)
     free = model.free()
     information, _ = _information(data, model, here)

@@ -99,10 +99,10 @@ def fit_modes(
 ) -> list[tuple[int, FittedMode]]:
     """Fit selected modes in wide windows, with the skirts of the modes beyond.
 
-    Windows are wide here: most is to be learned in them, with the skirts of the modes beyond
-    accounted for. That asks for a list of modes without strangers. With `all_of_them`, modes
-    stay that the spectrum can do without.
+    With `all_of_them`, modes stay that the spectrum can do without.
     """
+    # Windows are wide here: most is to be learned in them, with the skirts of the modes beyond
+    # accounted for. That asks for a list of modes without strangers.
     stage = dataclasses.replace(_FINAL, worth=-np.inf) if all_of_them else _FINAL
     return _in_windows(spectrum, starts, (low_hz, high_hz), stage)
 
@@ -112,15 +112,14 @@ def widen_for_windows(
 ) -> list[FittedMode]:
     """Widen the errors of modes that narrow windows contradict.
 
-    The likeliest values in a narrow window differ from those in a wide one by no more than the
-    difference of their variances allows, if the model holds [1]_. A larger difference shows a
-    force or a neighbour that is not as modelled; it is added to the variance.
-
     References
     ----------
     .. [1] J. A. Hausman, "Specification tests in econometrics", Econometrica 46 (1978).
     """
     starts = [InitialMode(one.pole, one.shape) for one in fitted]
+    # The likeliest values in a narrow window differ from those in a wide one by no more than
+    # the difference of their variances allows, if the model holds [1]. A larger difference
+    # shows a force or a neighbour that is not as modelled; it is added to the variance.
     narrow = dict(_in_windows(spectrum, starts, (low_hz, high_hz), _CONFIRMATION))
     return [
         _contradicted(one, narrow[k]) if k in narrow else one for k, one in enumerate(fitted)

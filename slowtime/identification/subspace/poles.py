@@ -80,12 +80,10 @@ class Poles:
     def standard_deviations(
         self,
     ) -> tuple[Float[np.ndarray, " pole"], Float[np.ndarray, " pole"], np.ndarray]:
-        """Of frequency [Hz] and damping ratio, and the correlation of the two errors.
-
-        As many draws count as the memory of the pole leaves flat; the values are enlarged so
-        that 1.96 of them are an interval of 95 % under Student's law.
-        """
+        """Of frequency [Hz] and damping ratio, and the correlation of the two errors."""
         frequency, damping = self.errors()
+        # As many draws count as the memory of the pole leaves flat; the values are enlarged so
+        # that 1.96 of them are an interval of 95 % under Student's law.
         used, student = self._used()
         ff = np.sum(frequency**2 * used, axis=0)
         zz = np.sum(damping**2 * used, axis=0)

@@ -101,8 +101,6 @@ def curve(
 ) -> float:
     """Evaluate a spline over the warped range, continued as a straight line beyond it.
 
-    The slope beyond an edge is the mean slope over the outer fifth of the half range.
-
     Its coefficients begin at index `first` of `p`: of `FINE` intervals for the elongation, of
     `SPEED` for its rate.
     """
@@ -111,6 +109,7 @@ def curve(
     at_edge = spline(warped(held, low, high, centre, dense), intervals, p, first)
     if held == value or high <= low:
         return float(at_edge)
+    # The slope beyond an edge is the mean slope over the outer fifth of the half range.
     back = math.copysign(0.2 * (high - low) / 2.0, value - held)
     inside = spline(warped(held - back, low, high, centre, dense), intervals, p, first)
     return float(at_edge + (at_edge - inside) / back * (value - held))
