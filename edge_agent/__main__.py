@@ -214,11 +214,9 @@ def _connected(settings: EdgeSettings, clock: Clock, stop: threading.Event) -> B
 def _bus(
     settings: EdgeSettings, options: Mapping[str, object], clock: Clock
 ) -> ZenohBus | BackgroundBus:
-    """Open a bus over the one router, or over one of several.
-
-    A peer connects to all routers it is given, and would send everything to each. A client
-    takes the first that answers, and the next one when that dies; but it waits for one.
-    """
+    """Open a bus over the one router, or over one of several."""
+    # A peer connects to all routers it is given, and would send everything to each. A client
+    # takes the first that answers, and the next one when that dies; but it waits for one.
     bus = functools.partial(
         ZenohBus,
         lease_s=settings.publishing.lease_s,
@@ -239,14 +237,13 @@ def _bus(
 def own_order(routers: Sequence[str], asset: str) -> tuple[str, ...]:
     """Return the routers of a site in the order in which an asset tries them.
 
-    The assets of a site begin with different ones, by their partition, so that each router has
-    its share.
-
     Examples
     --------
     >>> own_order(("tcp/a:7447", "tcp/b:7447"), "bridge-7")
     ('tcp/b:7447', 'tcp/a:7447')
     """
+    # The assets of a site begin with different routers, by their partition, so that each has
+    # its share.
     first = partition_of(asset) % len(routers)
     return (*routers[first:], *routers[:first])
 

@@ -245,12 +245,8 @@ def listen(
 ) -> Iterator[Block | None] | None:
     """Work all `blocks`, until they end or `stop` is set.
 
-    The window begun when it ends is closed and told as well.
-
-    Returns
-    -------
-    None; or, where sensor time runs back, the blocks from there on: within a boot it
-    increases, so that they belong to another.
+    The window begun when it ends is closed and told as well. Where sensor time runs back, gives
+    the blocks from there on: within a boot it increases, so that they belong to another.
     """
     admit = Admission(admission, edge.extract.origin.time_base)
     listening = SourceRun(edge, admit, publisher, clock, assess)
@@ -273,11 +269,9 @@ def rerun(blocks: Iterable[tuple[RawHeader, Block]], processing: Processing) -> 
     its `About` tells (see `Processing.from_about`). Recordings of several assets and boots may
     be mixed.
 
-    Raises
-    ------
-    ValueError
-        Where a raw block of a boot is missing, be it the first: sequence and smoothed frequency
-        rest on every block before. The features up to there have been given by then.
+    Raises `ValueError` where a raw block of a boot is missing, be it the first: sequence and
+    smoothed frequency rest on every block before. The features up to there have been given by
+    then.
     """
     running: dict[tuple[str, str], tuple[Edge, EdgeState]] = {}
     expected: dict[Origin, int] = {}

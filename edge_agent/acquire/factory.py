@@ -17,10 +17,7 @@ from .source import BlockSource, Pacer
 def check_input(settings: Input) -> None:
     """Refuse an input that cannot be opened, before anything starts.
 
-    Raises
-    ------
-    ValueError
-        Where a scheme, a parameter or a library is missing.
+    Raises `ValueError` where a scheme, a parameter or a library is missing.
     """
     boards = settings.boards if isinstance(settings, BoardsInput) else (settings,)
     for board in boards:
@@ -39,12 +36,8 @@ def open_source(
 ) -> BlockSource:
     """Open the source that the settings name.
 
-    Parameters
-    ----------
-    covariates
-        Channels that a file's reader shall keep.
-    bus, twin
-        Bus of the agent, and site and asset; for samples that come over it.
+    A file's reader keeps the channels `covariates`; samples that come over the bus are those of
+    the twin, given by site and asset.
     """
     pacer = Pacer(clock, stop)
     if isinstance(settings, SimulatedInput):

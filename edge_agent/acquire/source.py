@@ -49,13 +49,7 @@ class Pacer:
         self._began_ns = clock.elapsed_ns()
 
     def wait_until(self, seconds: float) -> bool:
-        """Return once `seconds` have passed since the start; False if stopped before.
-
-        Parameters
-        ----------
-        seconds
-            Time since the start [s].
-        """
+        """Return once `seconds` have passed since the start; False if stopped before."""
         while not self._stop.is_set():
             left = seconds - (self._clock.elapsed_ns() - self._began_ns) / 1e9
             if left <= 0:
@@ -67,18 +61,7 @@ class Pacer:
 def paced(blocks: Iterator[Block], speed: float, pacer: Pacer) -> Iterator[Block]:
     """Yield each block when its last sample would have been taken.
 
-    Parameters
-    ----------
-    blocks
-        Blocks in the order of their time.
-    speed
-        Pace, as a multiple of real time; 0 for no wait.
-    pacer
-        Waits, and can be stopped.
-
-    Yields
-    ------
-    The same blocks, until stopped.
+    `speed` is the pace as a multiple of real time, 0 for no wait; it ends where stopped.
     """
     due_s, before_ns = 0.0, None
     for block in blocks:

@@ -50,10 +50,8 @@ class Point:
     ) -> CycleCount:
         """Take samples of stress.
 
-        Parameters
-        ----------
-        missing, wrong
-            Variance that the samples lack, and mean square of what may be wrong with them.
+        `missing` is the variance that the samples lack, `wrong` the mean square of what may be
+        wrong with them.
         """
         count = self._counter.step(counted.count, stress)
         return CycleCount(

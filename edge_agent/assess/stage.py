@@ -34,10 +34,8 @@ class AssessState:
 class Assess:
     """Makes virtual quantities and counts fatigue.
 
-    Raises
-    ------
-    ValueError
-        Where the model file cannot be used, or an output is none of the model's.
+    Raises `ValueError` where the model file cannot be used, or an output is none of the
+    model's.
     """
 
     def __init__(self, settings: EdgeSettings, origin: Origin) -> None:

@@ -46,21 +46,11 @@ def bridged(windows: Windows, gone: Which) -> Windows:
 def usual_deviation(windows: Windows, before: Float[np.ndarray, " channel"] | None) -> Scales:
     """Robust standard deviation of the deviations from the neighbours' mean.
 
-    1.4826 times the median absolute deviation; the mean one where that is larger, as in a
-    signal that hardly ever moves. A short chunk is not judged calmer than the one before.
-
-    Parameters
-    ----------
-    windows
-        Samples, [chunk, time, channel].
-    before
-        Standard deviation in the chunk before, [channel].
-
-    Returns
-    -------
-    Standard deviation, [chunk, channel], in the unit of the samples.
+    Windows and the result are by chunk and channel, in the unit of the samples.
     """
     size = np.abs(_deviation(windows))
+    # The mean deviation is larger in a signal that hardly ever moves. A short chunk is not
+    # judged calmer than the one before.
     scales = np.maximum(1.4826 * np.median(size, axis=1), size.mean(axis=1))
     if windows.shape[1] < RELIABLE and before is not None:
         scales = np.maximum(scales, before)
@@ -76,15 +66,9 @@ def without_spikes(
 ) -> tuple[Windows, Which]:
     """Bridge outliers, and return where they were.
 
-    Parameters
-    ----------
-    fixed
-        Samples that are not judged, since they have been bridged already.
-    outside
-        Rows beyond the ends of the segment. What is next to an end has too few neighbours to
-        be judged by, and is left.
-    threshold
-        In `scales`.
+    Samples that are `fixed` have been bridged already and are not judged. Rows `outside` lie
+    beyond the ends of the segment; what is next to an end has too few neighbours to be judged
+    by, and is left. The threshold is in `scales`.
     """
     spikes = np.zeros_like(fixed)
     mended = windows

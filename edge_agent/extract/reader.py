@@ -88,16 +88,14 @@ def smooth(
     settings: ExtractSettings,
     clock: RateCorrection | None,
 ) -> tuple[Memory, Smoothed | None]:
-    """Advance the median → EWMA of one frequency; windows without it do not count.
-
-    What is averaged are frequencies by the nominal rate, so that a correction that was found
-    late counts for all windows, and its error, which they share, is not averaged away.
-    """
+    """Advance the median → EWMA of one frequency; windows without it do not count."""
     if not settings.smooth:
         return memory, None
     smoother = MedianEwma(window=settings.median_window, a=settings.ewma_a)
     before = dict(memory.smoothers)
     state = before.get(identity) or smoother.start()
+    # What is averaged are frequencies by the nominal rate, so that a correction that was found
+    # late counts for all windows, and its error, which they share, is not averaged away.
     true = 1.0 if clock is None else 1.0 + clock.relative
     after, found = smoother.step(state, frequency.value / true, frequency.sd / true)
     kept = tuple((before | {identity: after}).items())
@@ -119,21 +117,7 @@ def clock_sd(frequency: Measured, clock: RateCorrection) -> float:
 
 
 def rescaled(correlation: float, before: Measured, after: Measured) -> float:
-    """Correlation with the damping, within [-1, 1], for a frequency that is less certain.
-
-    Parameters
-    ----------
-    correlation
-        Correlation of frequency and damping [1].
-    before
-        Frequency for which it holds [Hz].
-    after
-        The same frequency with another standard deviation [Hz].
-
-    Returns
-    -------
-    Correlation for `after` [1].
-    """
+    """Correlation with the damping, within [-1, 1], for a frequency that is less certain."""
     if after.sd > before.sd:
         correlation *= before.sd / after.sd
     return min(max(correlation, -1.0), 1.0)
@@ -148,17 +132,7 @@ def doubts(frequencies: Iterable[Measured], clock: RateCorrection | None) -> tup
 
 
 def is_sound(frequency: Measured, damping: Measured, correlation: float) -> bool:
-    """Whether every number may travel: finite, the errors not negative.
-
-    Parameters
-    ----------
-    frequency
-        Natural frequency with its standard deviation [Hz].
-    damping
-        Damping ratio with its standard deviation [1].
-    correlation
-        Correlation of both [1].
-    """
+    """Whether every number may travel: finite, the errors not negative."""
     values = (frequency.value, damping.value, correlation)
     errors = (frequency.sd, damping.sd)
     return all(map(math.isfinite, values + errors)) and frequency.value > 0 and min(errors) >= 0

@@ -97,19 +97,7 @@ class StreamState:
 
 
 def identifier(settings: ExtractSettings, rate_hz: float) -> RecursiveModes:
-    """Recursive identification as the settings ask for it, at a rate [Hz].
-
-    Parameters
-    ----------
-    settings
-        Band, memory and interval of the identification.
-    rate_hz
-        Sampling rate [Hz].
-
-    Returns
-    -------
-    The identifier, without samples.
-    """
+    """Recursive identification as the settings ask for it, at a rate [Hz]; without samples."""
     low, high = LOWEST_SHARE * rate_hz, HIGHEST_SHARE * rate_hz
     band = settings.band_hz or (max(low, settings.lowest_remembered_hz), high)
     return RecursiveModes(
@@ -134,13 +122,7 @@ def taken_in(
     columns: list[int],
     settings: ExtractSettings,
 ) -> StreamState:
-    """Take a block into a stream, or begin one with it.
-
-    Parameters
-    ----------
-    columns
-        Channels to identify from.
-    """
+    """Take a block into a stream, or begin one with it."""
     recursive = identifier(settings, block.rate_hz)
     lost = 0
     if stream is None:

@@ -60,11 +60,7 @@ class Extract:
         return state, out
 
     def finish(self, state: ExtractState) -> tuple[ExtractState, tuple[Features, ...]]:
-        """Close the open window: its epoch is complete, or the stream has ended.
-
-        What is left of a continuous stream gives a message only if no whole window came before
-        it, so that a stream shorter than a window is not passed over in silence.
-        """
+        """Close the open window: its epoch is complete, or the stream has ended."""
         if state.stream is not None and state.stream.is_due:
             state, message = self._tell(state, state.stream)
             return state, (message,)
@@ -72,6 +68,8 @@ class Extract:
         if gathered is None:
             return state, ()
         closed = dataclasses.replace(state, gathered=None)
+        # What is left of a continuous stream gives a message only if no whole window came
+        # before it, so that a stream shorter than a window is not passed over in silence.
         if gathered.latest.epoch is None and gathered.windows:
             return closed, ()
         longest = max(gathered.stretches, key=lambda stretch: stretch.count)

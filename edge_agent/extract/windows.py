@@ -82,15 +82,13 @@ def gather(
 
 
 def part_of_stretch(stretch: Stretch, first: int, last: int, latest: Block) -> Stretch:
-    """Rows `first` to `last` of a stretch, as a stretch that begins there.
-
-    Where a clock model stamps the blocks, the latest one knows best when any row was taken.
-    """
+    """Rows `first` to `last` of a stretch, as a stretch that begins there."""
     rows, marks = stretch.joined()
     part = rows[first:last], marks[first:last]
     if 2 * (last - first) < len(rows):
         part = part[0].copy(), part[1].copy()  # a view would keep all of the rows
     start_ns = stretch.start_ns + round(first * 1e9 / latest.rate_hz)
+    # Where a clock model stamps the blocks, the latest one knows best when any row was taken.
     if latest.clock is not None:
         behind = latest.first_index - (stretch.first_index + first)
         start_ns = latest.start_ns - round(behind * 1e9 / latest.true_rate_hz)

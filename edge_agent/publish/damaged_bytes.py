@@ -24,8 +24,6 @@ class DamagedBytes:
 
     Parameters
     ----------
-    folder
-        The spool.
     most_bytes
         Of all copies together.
     """
@@ -41,10 +39,8 @@ class DamagedBytes:
         return self._features
 
     def found(self, segment: Path, boot: str, data: bytes, damage: Damage) -> None:
-        """Note damage, and copy its bytes aside; known damage is not noted again.
-
-        A disk that fails goes on failing: damage that has grown is noted with what is new.
-        """
+        """Note damage, and copy its bytes aside; known damage is not noted again."""
+        # A disk that fails goes on failing: damage that has grown is noted with what is new.
         known = [
             (key, part)
             for key, (_, part) in self._found.items()
@@ -73,14 +69,12 @@ class DamagedBytes:
         self._set_aside(segment, data[damage.begin : damage.end], damage.begin)
 
     def read_again(self, segment: Path, sequences: Sequence[int]) -> None:
-        """Take back that features are damaged, given all that can be read, ascending.
-
-        A disk that failed, or a file that was away, may give them after all.
-        """
+        """Take back that features are damaged, given all that can be read, ascending."""
         for key, (boot, part) in list(self._found.items()):
             read = bisect_left(sequences, part.first), bisect_right(sequences, part.last)
             if key[0] != segment or read[0] == read[1]:
                 continue
+            # A disk that failed, or a file that was away, may give them after all.
             del self._found[key]
             gaps = (part.first - 1, *sequences[slice(*read)], part.last + 1)
             for before, after in itertools.pairwise(gaps):

@@ -18,13 +18,7 @@ MOST_BOOTS = 256
 
 
 class FatigueStore:
-    """Messages of all boots in a folder.
-
-    Parameters
-    ----------
-    folder
-        Of the spool; it exists.
-    """
+    """Messages of all boots in a folder."""
 
     def __init__(self, folder: Path, boot: str) -> None:
         self._folder, self._boot = folder, boot

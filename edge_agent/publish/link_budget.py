@@ -52,8 +52,6 @@ class LinkBudget:
 
     Parameters
     ----------
-    path
-        File that keeps the sum.
     budget_bytes
         Of a month; None without a bound.
     keep_alive_s

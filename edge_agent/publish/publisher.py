@@ -224,13 +224,7 @@ class Publisher:
         return self.flush()
 
     def tick(self, seconds: float = TICK_S) -> None:
-        """Send what is due: features that wait, health, and less often `About`.
-
-        Parameters
-        ----------
-        seconds
-            Time since the last tick [s].
-        """
+        """Send what is due: features that wait, health, and less often `About`."""
         self._uplink.pass_time(seconds)
         if self._uplink.due(self.waiting):
             self.flush()
@@ -292,15 +286,7 @@ class Publisher:
                 self._send(FATIGUE, payload)
 
     def wait_acknowledged(self, seconds: float, stop: threading.Event) -> bool:
-        """Wait until the twin has all that was sent; False if `seconds` pass first.
-
-        Parameters
-        ----------
-        seconds
-            Longest time to wait [s].
-        stop
-            Set to end early.
-        """
+        """Wait until the twin has all that was sent; False if `seconds` pass first."""
         waited = 0.0
         with self._changed:
             while self._acknowledged < self._last_sent:

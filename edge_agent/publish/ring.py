@@ -16,13 +16,6 @@ class Ring:
 
     Seconds are those of samples: between the records of an intermittent sensor days may pass,
     and the last minute of samples is that of the last records all the same.
-
-    Parameters
-    ----------
-    seconds
-        How much of the stream is kept.
-    max_bytes
-        Beyond which older blocks go, however short the time.
     """
 
     def __init__(self, seconds: float, max_bytes: int) -> None:
@@ -49,17 +42,7 @@ class Ring:
                 self._length_ns -= oldest.length_ns
 
     def last(self, seconds: float) -> list[bytes]:
-        """Blocks that hold the last `seconds` of samples, in order.
-
-        Parameters
-        ----------
-        seconds
-            Duration [s].
-
-        Returns
-        -------
-        Payloads of the blocks, the oldest first.
-        """
+        """Blocks that hold the last `seconds` of samples, in order."""
         left, found = round(min(seconds, 1e9) * 1e9), list[bytes]()
         with self._lock:
             for block in reversed(self._blocks):

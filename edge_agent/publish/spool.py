@@ -156,12 +156,8 @@ class Spool:
     def append(self, sequence: int, payload: bytes) -> None:
         """Keep `payload`; when this returns, the death of the process does not lose it.
 
-        Raises
-        ------
-        ValueError
-            Where `sequence` does not grow.
-        SpoolError
-            Where the disk does not take it.
+        Raises `ValueError` where `sequence` does not grow, and `SpoolError` where the disk does
+        not take it.
         """
         with self._lock:
             if sequence <= self._last:
@@ -188,10 +184,7 @@ class Spool:
             self._drop_oldest()
 
     def read(self, boot: str, first: int = 0, last: int | None = None) -> Iterator[bytes]:
-        """Return the stored features of `boot` from `first` to `last`, in order.
-
-        Damaged records are passed over, and noted.
-        """
+        """Return the stored features of `boot` from `first` to `last`, in order."""
         with self._lock:
             wanted = [
                 (segment.path, segment.size, segment.first, segment.last, self._open(segment))
@@ -207,6 +200,7 @@ class Spool:
                 self._note_damage(path, boot, b"", Damage(0, 0, begins, ends))
                 continue
             due, sound = begins, list[int]()
+            # Damaged records are passed over, and noted.
             for part in scan(data, begins, ends + 1):
                 if isinstance(part, Damage):
                     self._note_damage(path, boot, data, part)
@@ -222,11 +216,9 @@ class Spool:
                 self._damaged.read_again(path, sound)
 
     def acknowledge(self, boot: str, sequence: int) -> int:
-        """Delete segments of `boot` that end by `sequence`; return how many features.
-
-        Of a boot that is withheld nothing is forgotten.
-        """
+        """Delete segments of `boot` that end by `sequence`; return how many features."""
         with self._lock:
+            # Of a boot that is withheld nothing is forgotten.
             if boot in self._withheld:
                 return 0
             done = [s for s in self._segments if s.boot == boot and s.last <= sequence]

@@ -60,14 +60,8 @@ def checksum(sequence: int, payload: bytes) -> int:
 def scan(data: bytes, first: int, following: int | None = None) -> Iterator[Sound | Damage]:
     """Read a segment from its beginning to its end, whatever has happened to it.
 
-    Parameters
-    ----------
-    data
-        The segment with its mark.
-    first
-        The sequence that its first record was given.
-    following
-        The first sequence of the next segment of the same boot, where there is one.
+    `first` is the sequence that its first record was given, `following` the first one of the
+    next segment of the same boot, where there is one.
     """
     at, due = len(MARK), first
     if not data.startswith(MARK):
@@ -143,14 +137,12 @@ def _of_damaged_length(
 
 
 def _last_within(data: bytes, at: int, due: int, sizes: list[int]) -> int:
-    """Estimate the last sequence in damaged bytes that nothing follows.
-
-    Headers that are still legible tell it; behind the last of them, and where there are none,
-    the size of the records before does.
-    """
+    """Estimate the last sequence in damaged bytes that nothing follows."""
     smallest = min(sizes, default=RECORD.size)
     typical = sum(sizes) // len(sizes) if sizes else UNKNOWN_SIZE
     last, since = due - 1, at
+    # Headers that are still legible tell it; behind the last of them, and where there are none,
+    # the size of the records before does.
     for place in _headers(data, at):
         length, _, sequence = RECORD.unpack_from(data, place)
         plausible = last < sequence <= due + 2 * (place - at) // smallest

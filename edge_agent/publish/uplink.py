@@ -34,8 +34,6 @@ class Uplink:
     ----------
     folder
         Where the bytes of the month are kept.
-    profile
-        Name of the profile that the settings come from.
     """
 
     def __init__(

@@ -63,15 +63,6 @@ class RateWatch:
 def rounded(rate_hz: float) -> float:
     """Return the rate that a device would be set to.
 
-    Parameters
-    ----------
-    rate_hz
-        Estimated rate [Hz].
-
-    Returns
-    -------
-    The rate rounded to `DIGITS` digits [Hz].
-
     Examples
     --------
     >>> rounded(124.97), rounded(499.2)

@@ -164,13 +164,7 @@ SCHEMES: dict[str, Scheme] = {
 
 
 def scheme_of(url: str) -> Scheme:
-    """Return the scheme of a URL.
-
-    Raises
-    ------
-    ValueError
-        Where there is none of that name.
-    """
+    """Return the scheme of a URL."""
     name = urlsplit(url).scheme
     if name in SCHEMES:
         return SCHEMES[name]
@@ -188,10 +182,7 @@ def scheme_of(url: str) -> Scheme:
 def check(settings: LiveInput) -> Scheme:
     """Refuse a scheme, parameter or library that there is none of.
 
-    Raises
-    ------
-    ValueError
-        That says what is allowed, or what to install.
+    Raises `ValueError` that says what is allowed, or what to install.
     """
     scheme = scheme_of(settings.source)
     unknown = sorted(set(settings.parameters) - set(scheme.parameters))
@@ -205,10 +196,7 @@ def check(settings: LiveInput) -> Scheme:
 def importing(scheme: Scheme) -> Open:
     """Import the module that opens a scheme.
 
-    Raises
-    ------
-    ValueError
-        Where its library is not installed.
+    Raises `ValueError` where its library is not installed.
     """
     try:
         module = importlib.import_module(f"{__package__}.transports.{scheme.opens}")
@@ -226,10 +214,7 @@ def importing(scheme: Scheme) -> Open:
 def declared(settings: LiveInput, scheme: str) -> tuple[AnyLayout, float]:
     """Layout and rate of the settings, for a transport that cannot find them out.
 
-    Raises
-    ------
-    ValueError
-        Where one of them is missing.
+    Raises `ValueError` where one of them is missing.
     """
     if settings.layout is None:
         raise ValueError(

@@ -21,13 +21,7 @@ class Timing:
         self.begin(rate_hz)
 
     def begin(self, rate_hz: float) -> None:
-        """Begin with nothing seen: the device, or its rate, is another.
-
-        Parameters
-        ----------
-        rate_hz
-            Nominal sampling rate [Hz].
-        """
+        """Begin with nothing seen: the device, or its rate, is another."""
         self.rate_hz = rate_hz
         self._clock = SamplingClock(
             nominal_rate_hz=rate_hz, stamps="device" if self._stamps else "arrival"

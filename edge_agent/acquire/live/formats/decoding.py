@@ -31,14 +31,8 @@ AnyLayout = JsonLayout | CsvLayout | PackedLayout
 def decoder_of(layout: AnyLayout, lane: int = 0, columns: Sequence[int] = ()) -> Decoder:
     """Return the function that decodes a payload and its arrival time to batches.
 
-    Parameters
-    ----------
-    lane, columns
-        Which group of channels a payload holds, and which channels those are; empty for all.
-
-    Returns
-    -------
-    A function that raises `GarbledError` where the payload is not what the layout declares.
+    `lane` says which group of channels a payload holds, `columns` which channels those are;
+    empty for all. It raises `GarbledError` where the payload is not what the layout declares.
     """
     places = tuple(columns) or tuple(range(len(layout.channels)))
     decode: Decoder
@@ -54,10 +48,7 @@ def decoder_of(layout: AnyLayout, lane: int = 0, columns: Sequence[int] = ()) ->
 
 
 def bounded(decode: Decoder, layout: AnyLayout) -> Decoder:
-    """Return the same decoder, which refuses counters and stamps that no device has.
-
-    They become indices and times, which have 64 bits.
-    """
+    """Return the same decoder, which refuses counters and stamps that no device has."""
     unit_ns, is_utc = 1, False
     if layout.stamp is not None:
         unit_ns, is_utc = UNIT_NS[layout.stamp.unit], layout.stamp.clock == "utc"
@@ -67,6 +58,7 @@ def bounded(decode: Decoder, layout: AnyLayout) -> Decoder:
             raise GarbledError(f"More than {MOST_MESSAGE_BYTES:,} bytes.")
         batches = decode(data, arrival_ns)
         for batch in batches:
+            # Counters and stamps become indices and times, which have 64 bits.
             if batch.counter is not None and abs(batch.counter) >= LARGEST_COUNT:
                 raise GarbledError("Its counter has more than 64 bits.")
             if batch.stamp is None:
@@ -175,10 +167,7 @@ def split(
     *,
     by_message: bool = False,
 ) -> list[Batch]:
-    """Cut rows with a counter each where it does not go on by one; with stamps alone, each.
-
-    A counter of messages is the same in all rows of a message: rows are cut where it changes.
-    """
+    """Cut rows with a counter each where it does not go on by one; with stamps alone, each."""
     if len(rows) == 1 or (counters is None and stamps is None):
         return [
             Batch(
@@ -190,6 +179,7 @@ def split(
                 lane,
             )
         ]
+    # A counter of messages is the same in all rows of a message: rows are cut where it changes.
     goes_on = 0 if by_message else 1
     cuts = [
         n

@@ -37,10 +37,7 @@ class Framer(Protocol):
 def framer_of(layout: JsonLayout | CsvLayout | PackedLayout) -> Framer:
     """Return the framer for the messages of a layout.
 
-    Raises
-    ------
-    ValueError
-        Where frames could not be found again after garbage.
+    Raises `ValueError` where frames could not be found again after garbage.
     """
     if not isinstance(layout, PackedLayout):
         return LineFramer()

@@ -35,11 +35,6 @@ class Scan(NamedTuple):
 def element_of(name: str, text: str) -> Element:
     """Read a type string.
 
-    Raises
-    ------
-    ValueError
-        Where it is none, or one of repeated values.
-
     Examples
     --------
     >>> element_of("accel_x", "be:s20/32>>12")[1:]

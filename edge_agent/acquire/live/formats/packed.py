@@ -12,10 +12,7 @@ from edge_agent.layouts import CHECKSUM_BYTES, PackedLayout, read_number
 def decode_frame(layout: PackedLayout, data: bytes, arrival_ns: int) -> Batch:
     """Read the samples of one frame, checked.
 
-    Raises
-    ------
-    GarbledError
-        Where sync, length or checksum are not what the layout declares.
+    Raises `GarbledError` where sync, length or checksum are not what the layout declares.
     """
     if not data.startswith(layout.sync_bytes) or len(data) < layout.begin_bytes:
         raise GarbledError("It does not begin like a frame.")
@@ -55,19 +52,7 @@ def read_header(layout: PackedLayout, data: bytes) -> dict[str, int | float]:
 
 
 def samples_of(layout: PackedLayout, header: dict[str, int | float]) -> int | None:
-    """Return the number of samples of a frame; None if only its length determines it.
-
-    Parameters
-    ----------
-    layout
-        Layout of the frame.
-    header
-        Numbers of its header, by meaning.
-
-    Returns
-    -------
-    Samples of each channel, or None.
-    """
+    """Return the number of samples of a frame; None if only its length determines it."""
     return _integer(header.get("samples")) if "samples" in header else layout.samples
 
 

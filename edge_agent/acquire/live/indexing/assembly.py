@@ -27,8 +27,6 @@ class Assembler:
     ----------
     lanes
         Columns of each lane: one lane for all, or one for the channels of each topic.
-    block_rows
-        Rows that are handed on at once.
     horizon
         How many rows a missing one is waited for.
     """

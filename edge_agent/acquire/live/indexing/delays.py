@@ -30,13 +30,7 @@ is recorded."""
 
 
 class Delays:
-    """Bounds numbers by arrivals, since no sample arrives before it was taken.
-
-    Parameters
-    ----------
-    rate_hz
-        Nominal samples per second.
-    """
+    """Bounds numbers by arrivals, since no sample arrives before it was taken."""
 
     def __init__(self, rate_hz: float) -> None:
         self._period_ns = 1e9 / rate_hz
@@ -91,10 +85,7 @@ class Delays:
     def slack(self, arrival_ns: int, least_s: float = SLACK_S) -> float:
         """Return the greatest error of `index_at` [samples].
 
-        Parameters
-        ----------
-        least_s
-            What the least delays of one time and another differ by, apart from drift [s].
+        The least delays of one time and another differ by `least_s`, apart from drift.
         """
         if not self._anchors:
             return float("inf")

@@ -54,20 +54,9 @@ class Device:
         return _text(self._scan(name, "type"))
 
     def number(self, name: str, what: str, otherwise: float) -> float:
-        """Scale or offset of a channel: its own, or that of its kind.
+        """Scale or offset of a channel: its own, that of its kind, or what is given.
 
-        Parameters
-        ----------
-        name
-            Name of the channel, such as ``accel_x``.
-        what
-            ``scale`` or ``offset``.
-        otherwise
-            Value if the device states neither.
-
-        Returns
-        -------
-        The number, in the units of the kernel's interface.
+        The number is in the units of the kernel's interface; `what` is ``scale`` or ``offset``.
         """
         kind = name.split("_")[0].rstrip("0123456789")
         for stem in (f"in_{name}", f"in_{kind}"):
@@ -83,19 +72,8 @@ class Device:
     def set_up(self, chosen: Sequence[str], rate_hz: float | None, length: int) -> None:
         """Enable the chosen channels.
 
-        Parameters
-        ----------
-        chosen
-            Names of the channels.
-        rate_hz
-            Sampling rate to set [Hz]; unchanged if None.
-        length
-            Length of the buffer [scans].
-
-        Raises
-        ------
-        ValueError
-            Where that needs rights that this process has not.
+        The rate is unchanged where None; the buffer holds `length` scans. Raises `ValueError`
+        where that needs rights that this process has not.
         """
         try:
             _write(self.folder / "buffer/enable", "0")

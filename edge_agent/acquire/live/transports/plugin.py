@@ -35,10 +35,7 @@ class PluginPackets:
     def packets(self, stop: threading.Event) -> Iterator[Packet | None]:
         """Packets as the part yields them.
 
-        Raises
-        ------
-        PluginError
-            Where it raised, ended its process, or hung and was ended.
+        Raises `PluginError` where the part raised, ended its process, or hung and was ended.
         """
         heard_s = None
         # Closed here, not when it is collected: the part is ended before its next run.

@@ -18,10 +18,7 @@ Address = tuple[str, int]
 def address_of(source: str) -> Address:
     """Host and port of a URL.
 
-    Raises
-    ------
-    ValueError
-        Where one is missing.
+    Raises `ValueError` where one is missing.
     """
     parts = urlsplit(source)
     if not parts.hostname or parts.port is None:

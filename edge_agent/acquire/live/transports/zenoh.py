@@ -76,10 +76,7 @@ class BusSamples:
 def read_samples(payload: bytes) -> SensorSamples:
     """Read a `samples` message.
 
-    Raises
-    ------
-    GarbledError
-        Where it is none.
+    Raises `GarbledError` where it is none.
     """
     try:
         told = decode(SAMPLES, payload)
