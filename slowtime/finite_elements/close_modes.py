@@ -10,10 +10,8 @@ CLOSE = 0.01
 modes so close rotate among each other under changes of stiffness of a few per cent."""
 
 
-def close_groups(
-    frequency_hz: Float[np.ndarray, " mode"], relative: float = CLOSE
-) -> list[list[int]]:
-    """Gather neighbouring modes, each within `relative` of the one before.
+def close_groups(frequency_hz: Float[np.ndarray, " mode"]) -> list[list[int]]:
+    """Gather neighbouring modes, each within `CLOSE` of the one before.
 
     Examples
     --------
@@ -23,7 +21,7 @@ def close_groups(
     groups: list[list[int]] = []
     values = frequency_hz.tolist()
     for j, frequency in enumerate(values):
-        if groups and frequency - values[groups[-1][-1]] <= relative * frequency:
+        if groups and frequency - values[groups[-1][-1]] <= CLOSE * frequency:
             groups[-1].append(j)
         else:
             groups.append([j])

@@ -76,8 +76,6 @@ class FitBand:
     ----------
     choice
         Variances that the choice of the band adds to those of (ln f, ln zeta).
-    limited
-        Whether misfit ended the band on either side.
     reach
         Half-bandwidths of the wider side.
     holds
@@ -87,7 +85,6 @@ class FitBand:
     data: Periodogram
     fit: ResonanceFit
     choice: Float[np.ndarray, "2"]
-    limited: bool
     reach: float
     holds: bool
     edges_hz: tuple[float, float]
@@ -119,7 +116,6 @@ def widest_fit_band(whole: Periodogram, start: Float[np.ndarray, "5"]) -> FitBan
     last = len(distances) - 1
     history = [_trial(whole, frequency, distances, (0, 0), start)]
     growing = [_room(whole, frequency, distances, side) for side in (0, 1)]
-    limited = False
     while any(growing):
         best = history[-1]
         options = [tuple(growing)]
@@ -136,13 +132,12 @@ def widest_fit_band(whole: Periodogram, start: Float[np.ndarray, "5"]) -> FitBan
                     on and _room(whole, frequency, distances[rings[side] :], side)
                     for side, on in enumerate(option)
                 ]
-                limited = limited or option != options[0]
                 break
         else:
-            growing, limited = [False, False], True
+            growing = [False, False]
     holds = _holds(history[-1], history[0], frequency, distances)
     edges = float(whole.frequency_hz[0]), float(whole.frequency_hz[-1])
-    return _extent(history, frequency * damping, distances, limited, holds, edges)
+    return _extent(history, frequency * damping, distances, holds, edges)
 
 
 def _distances(half_width: float, whole: Periodogram) -> np.ndarray:
@@ -231,7 +226,6 @@ def _extent(
     history: list[_Trial],
     half_width: float,
     distances: np.ndarray,
-    limited: bool,
     holds: bool,
     edges: tuple[float, float],
 ) -> FitBand:
@@ -242,4 +236,4 @@ def _extent(
     if narrower:
         moved, gained = _contrast(narrower[-1].fit, best.fit)
         choice = np.maximum(moved**2 - EXCUSED * gained, 0.0)
-    return FitBand(best.data, best.fit, choice, limited, reach / half_width, holds, edges)
+    return FitBand(best.data, best.fit, choice, reach / half_width, holds, edges)

@@ -9,16 +9,11 @@ error of 9 %, and costs 3 % of efficiency where it serves as a weight."""
 
 
 def smoothed_power(
-    power: Float[np.ndarray, "row entry"],
-    weight: Float[np.ndarray, "row entry"],
-    half_width: int = HALF_WIDTH,
+    power: Float[np.ndarray, "row entry"], weight: Float[np.ndarray, "row entry"]
 ) -> Float[np.ndarray, "row entry"]:
-    """Return sums of power over sums of weights, over neighbouring rows.
-
-    Weights are the expected shares of the noise; there are `half_width` rows on either side.
-    """
+    """Return sums of power over sums of weights, the expected shares of noise, by rows."""
     rows = len(power)
-    half_width = min(half_width, max(1, rows // 4))
+    half_width = min(HALF_WIDTH, max(1, rows // 4))
     low = np.maximum(np.arange(rows) - half_width, 0)
     high = np.minimum(np.arange(rows) + half_width + 1, rows)
     sums = []

@@ -25,15 +25,15 @@ OVERLAP_LOSS = 1.9
 (P. D. Welch, IEEE Trans. Audio Electroacoustics 15, 1967)."""
 
 
-def block_samples(count: int, blocks: int = BLOCKS) -> int:
-    """Length of a block by default: a power of two, of about a sixteenth of the record.
+def block_samples(count: int) -> int:
+    """Length of a block: a power of two, of about a sixteenth of the record.
 
     Examples
     --------
     >>> block_samples(100_000)
     4096
     """
-    return int(2 ** max(5, math.floor(math.log2(count / blocks))))
+    return int(2 ** max(5, math.floor(math.log2(count / BLOCKS))))
 
 
 def shaker_response(
@@ -43,19 +43,19 @@ def shaker_response(
     *,
     kind: Kind = "acceleration",
     estimator: Estimator = "h1",
-    block: int | None = None,
 ) -> FrequencyResponse:
     """Average frequency responses over blocks that overlap by half.
 
-    Blocks have `block` samples, by default a sixteenth of the record. The leakage of resonances
-    that are narrower than four lines is a bias besides, which the random errors do not contain.
-    Raises `ValueError` where inputs are coherent, or blocks do not fit.
+    The leakage of resonances that are narrower than four lines is a bias besides, which the
+    random errors do not contain. Raises `ValueError` where inputs are coherent, or the record
+    is shorter than a block.
     """
     count = len(inputs)
-    size = block_samples(count) if block is None else block
-    if not 16 <= size <= count:
+    size = block_samples(count)
+    if size > count:
         raise ValueError(
-            f"block={size} samples was given for a record of {count}. Give 16 to {count}."
+            f"{count} samples are too few for a frequency response. Give a record of at least "
+            f"{size} samples."
         )
     starts = np.arange(0, count - size + 1, max(1, size // 2))
     rows = starts[:, None] + np.arange(size)

@@ -19,14 +19,7 @@ from slowtime.identification.modes import Kind
 from slowtime.signals.spectra import detrended
 
 from .families import HarmonicFamily, group_into_families
-from .narrowband import (
-    FourierSpectra,
-    NarrowBand,
-    fourier_spectra,
-    narrow_band,
-    residual_share,
-    steadiness,
-)
+from .narrowband import FourierSpectra, NarrowBand, fourier_spectra, narrow_band
 from .sharp_peaks import sharp_peaks
 from .steadiness_test import noise_p_value, steadiness_p_value, tone_p_value
 from .tones import SEARCH_BINS, line_amplitude, line_frequency, line_shape, strongest_bin
@@ -70,11 +63,6 @@ class PeakClass:
     p_structural
         Probability that a mode damped by `least_damping` or more looks so steady, or noise
         stands so high: an upper limit over all such modes, all tests counted.
-    kurtosis
-        Of the band-passed signal: 1.5 a sine, 3 a mode under Gaussian force, more a mode
-        under blows.
-    sharpness
-        Share of the power in the band that one tone takes, noise counted out, 0 to 1.
     amplitude
         Root mean square in the channel that moves most, in the unit of the samples.
     shape
@@ -86,8 +74,6 @@ class PeakClass:
     frequency_hz: Measured
     kind: Kind
     p_structural: float
-    kurtosis: float
-    sharpness: float
     snr_db: float
     amplitude: float
     shape: Complex[np.ndarray, " channel"]
@@ -100,7 +86,6 @@ class DecisionLimits:
 
     least_damping: float = LEAST_DAMPING
     false_alarm: float = FALSE_ALARM
-    seed: int = 0
 
     def __post_init__(self) -> None:
         if not 0 < self.least_damping < 0.1:
@@ -123,7 +108,6 @@ def classify_peaks(
     known_hz: tuple[float, ...] = (),
     least_damping: float = LEAST_DAMPING,
     false_alarm: float = FALSE_ALARM,
-    seed: int = 0,
 ) -> tuple[PeakClass, ...]:
     r"""Classify the peak at each frequency as harmonic or structural.
 
@@ -161,7 +145,7 @@ def classify_peaks(
     >>> [verdict.kind for verdict in classify_peaks(fan + noise, 100.0, np.array([12.34]))]
     ['harmonic']
     """
-    doubt = DecisionLimits(least_damping=least_damping, false_alarm=false_alarm, seed=seed)
+    doubt = DecisionLimits(least_damping=least_damping, false_alarm=false_alarm)
     spectra, moving = _prepared(samples, rate_hz)
     speeds = tuple(Measured(float(f), 0.0) for f in known_hz)
     return tuple(_verdict(spectra, moving, float(f), doubt, speeds) for f in frequency_hz)
@@ -182,10 +166,6 @@ def find_harmonics(
     rate_hz: float,
     *,
     band_hz: tuple[float, float] | None = None,
-    known_hz: tuple[float, ...] = (),
-    least_damping: float = LEAST_DAMPING,
-    false_alarm: float = FALSE_ALARM,
-    seed: int = 0,
 ) -> tuple[tuple[PeakClass, ...], tuple[HarmonicFamily, ...]]:
     """Find the lines of machines in a record, and the base frequencies of their harmonics.
 
@@ -203,19 +183,18 @@ def find_harmonics(
     >>> [round(line.frequency_hz.value, 2) for line in lines], speeds[0].orders
     ([7.13, 14.26, 28.52], (1, 2, 4))
     """
-    doubt = DecisionLimits(least_damping=least_damping, false_alarm=false_alarm, seed=seed)
+    doubt = DecisionLimits()
     spectra, moving = _prepared(samples, rate_hz)
     low, high = checks.band(band_hz, rate_hz, len(samples))
     peaks = sharp_peaks(spectra, low, high)
-    speeds = tuple(Measured(float(f), 0.0) for f in known_hz)
     searched = round((high - low) / spectra.spacing_hz)
-    found = [_verdict(spectra, moving, f, doubt, speeds, searched) for f in peaks]
+    found = [_verdict(spectra, moving, f, doubt, (), searched) for f in peaks]
     lines = _harmonics(found, spectra.spacing_hz)
     bases = group_into_families(
         tuple(v.frequency_hz for v in lines), resolution_hz=spectra.spacing_hz
     )
     if bases:
-        speeds = speeds + tuple(family.base_hz for family in bases)
+        speeds = tuple(family.base_hz for family in bases)
         again = [
             _verdict(spectra, moving, f, doubt, speeds)
             for f, verdict in zip(peaks, found, strict=True)
@@ -247,18 +226,16 @@ def _verdict(
     expected = _is_multiple(spectra, centre * spectra.spacing_hz, speeds)
     level = max(doubt.false_alarm, FALSE_ALARM_AT_A_MULTIPLE if expected else 0.0)
     least = doubt.least_damping * centre
-    rng = np.random.default_rng(doubt.seed)
+    # Each peak has the same draws, so that its class does not depend on the others.
+    rng = np.random.default_rng(0)
     p, line = _least_likely(spectra, centre, least, level, searched, rng)
     harmonic = p < level
-    tone = 1.0 - float(residual_share(line.envelope[None])[0])
     shape = np.zeros(len(moving), dtype=complex)
     shape[moving] = line_shape(spectra, centre)
     return PeakClass(
         frequency_hz=line_frequency(line, spectra.spacing_hz),
         kind="harmonic" if harmonic else "structural",
         p_structural=p,
-        kurtosis=1.5 * float(steadiness(line.envelope[None])[0]),
-        sharpness=min(1.0, tone * (1.0 + 1.0 / max(line.snr, 1e-9))),
         snr_db=10.0 * float(np.log10(max(line.snr, 1e-12))),
         amplitude=line_amplitude(spectra, line),
         shape=shape,

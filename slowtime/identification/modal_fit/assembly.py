@@ -12,7 +12,7 @@ from slowtime.identification.modes import Mode
 from slowtime.identification.subspace.poles import Poles
 from slowtime.identification.subspace.stabilisation import StablePole
 
-from .basis import POWER, RESIDUAL_POWERS, modal_columns, residual_columns
+from .basis import response_columns
 from .maximum_likelihood import PoleFit
 from .modal_constants import ModalConstants, modal_constants, modes_of_fit
 from .spectral_data import SpectralData
@@ -123,13 +123,7 @@ def model_response(
 ) -> Complex[np.ndarray, "line output input"]:
     """Frequency responses of a fit at the lines of a measurement."""
     poles = fit.poles
-    columns = np.concatenate(
-        [
-            modal_columns(response.s, poles, POWER[response.kind]),
-            residual_columns(response.s, RESIDUAL_POWERS[response.kind]),
-        ],
-        axis=1,
-    )
+    columns = response_columns(response.s, poles, response.kind)
     real = np.concatenate([fit.residues.real, fit.residues.imag, fit.terms], axis=2)
     found = np.einsum("rc,eic->rei", columns, real)
     return np.asarray(found.reshape(response.response.shape))

@@ -59,6 +59,14 @@ def residual_columns(
     return np.stack([s**power for power in powers], axis=1)
 
 
+def response_columns(
+    s: Complex[np.ndarray, " row"], poles: Complex[np.ndarray, " mode"], kind: Kind
+) -> Complex[np.ndarray, "row column"]:
+    """Columns of a frequency response: those of the residues, then its residual terms."""
+    own = modal_columns(s, poles, POWER[kind])
+    return np.concatenate([own, residual_columns(s, RESIDUAL_POWERS[kind])], axis=1)
+
+
 def pole_derivatives(
     s: Complex[np.ndarray, " row"],
     poles: Complex[np.ndarray, " mode"],

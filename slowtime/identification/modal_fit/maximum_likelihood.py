@@ -31,6 +31,7 @@ from .basis import (
     modal_columns,
     pole_derivatives,
     residual_columns,
+    response_columns,
 )
 from .spectral_data import SpectralData
 
@@ -153,13 +154,7 @@ def _sizes(data: SpectralData, modes: int) -> tuple[np.ndarray, int, int]:
 
 def _design(data: SpectralData, poles: np.ndarray) -> np.ndarray:
     """Complex columns of all coefficients, the same for every entry."""
-    own = np.concatenate(
-        [
-            modal_columns(data.s, poles, POWER[data.kind]),
-            residual_columns(data.s, RESIDUAL_POWERS[data.kind]),
-        ],
-        axis=1,
-    )
+    own = response_columns(data.s, poles, data.kind)
     blocks = [own * factor[:, None] for factor in data.inputs.T]
     if data.ends.shape[1]:
         end = np.concatenate(
@@ -266,13 +261,7 @@ def _finished(
     variance = variance.reshape(shape)
     slope = np.stack([p.coefficient_slope[: inputs * of_input] for p in parts])
     slope = slope.reshape(*shape, 2 * modes)
-    columns = np.concatenate(
-        [
-            modal_columns(data.s, poles, POWER[data.kind]),
-            residual_columns(data.s, RESIDUAL_POWERS[data.kind]),
-        ],
-        axis=1,
-    )
+    columns = response_columns(data.s, poles, data.kind)
     rows = len(data.s)
     residual = np.stack([p.residual[:rows] + 1j * p.residual[rows:] for p in parts], axis=1)
     order = np.argsort(poles.imag)

@@ -14,16 +14,11 @@ DOUBT = 0.05
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Agreement:
-    """Chi-square of measurements about their mean, and its probability if nothing differs.
-
-    `between_sd` is the scatter beyond their own errors, in the unit of the quantity; 0 where
-    they agree.
-    """
+    """Chi-square of measurements about their mean, and its probability if nothing differs."""
 
     chi_square: float
     freedom: int
     p_value: float
-    between_sd: float = 0.0
 
     @property
     def holds(self) -> bool:
@@ -73,7 +68,6 @@ def weighted_mean(measured: list[Measured]) -> tuple[Measured, Agreement, np.nda
             0.0,
             widest,
         )
-        agreement = dataclasses.replace(agreement, between_sd=float(np.sqrt(between)))
         variances = variances + between
     weights = (1 / variances) / np.sum(1 / variances)
     sd = float(np.sqrt(1 / np.sum(1 / variances)))

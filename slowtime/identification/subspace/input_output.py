@@ -60,7 +60,6 @@ def input_output_poles(
     rate_hz: float,
     *,
     highest_hz: float,
-    order: int = MOST_ORDER,
 ) -> Poles:
     """Poles of models of all orders, with errors.
 
@@ -81,8 +80,9 @@ def input_output_poles(
             "of past and future. Give a longer record or fewer channels."
         )
     sizes = (rows * outputs.shape[1], rows * (outputs.shape[1] + inputs.shape[1]))
-    subspace = _subspace(stacked, sizes, outputs.shape[1], rate_hz, order)
-    orders = range(1, min(order, subspace.u.shape[1], (rows - 1) * outputs.shape[1]) + 1)
+    subspace = _subspace(stacked, sizes, outputs.shape[1], rate_hz)
+    highest = min(MOST_ORDER, subspace.u.shape[1], (rows - 1) * outputs.shape[1])
+    orders = range(1, highest + 1)
     parts = poles_of_orders(subspace, orders, 0.0)
     found = joined_poles(parts, len(inputs) / rate_hz)
     return rescale_channels(found, scale_y)
@@ -106,7 +106,7 @@ def _stacked(inputs: np.ndarray, outputs: np.ndarray, rows: int) -> np.ndarray:
 
 
 def _subspace(
-    stacked: np.ndarray, sizes: tuple[int, int], channels: int, rate_hz: float, order: int
+    stacked: np.ndarray, sizes: tuple[int, int], channels: int, rate_hz: float
 ) -> WeightedSubspace:
     y, u, z = slice(0, sizes[0]), slice(sizes[0], sizes[1]), slice(sizes[1], None)
     parts = [part.T @ part / len(part) for part in np.array_split(stacked, PARTS)]
@@ -121,7 +121,7 @@ def _subspace(
     vectors, values, turned = scipy.linalg.svd(
         future.left @ hankel @ past.left, full_matrices=False
     )
-    largest = min(order, int(np.count_nonzero(values > 1e-10 * values[0])))
+    largest = min(MOST_ORDER, int(np.count_nonzero(values > 1e-10 * values[0])))
     reached = past.left @ (turned[:largest].T / values[:largest])
     errors = []
     for part in parts:

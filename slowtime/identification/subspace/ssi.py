@@ -85,7 +85,6 @@ def identify_poles(
     orders: Sequence[int],
     weighting: Weighting = "none",
     mixing: Inexact[np.ndarray, "reference channel"] | None = None,
-    first_lag: int = 1,
     shapes: bool = False,
     errors_within: PoleLimits | None = None,
 ) -> Poles:
@@ -94,7 +93,7 @@ def identify_poles(
     Parameters
     ----------
     correlations
-        At least ``first_lag + 2 * block_rows - 1`` lags of them.
+        At least ``2 * block_rows`` lags of them. Lag 0 is not used, as it holds the noise.
     block_rows
         Blocks p of the p by p Hankel matrix.
     orders
@@ -104,8 +103,6 @@ def identify_poles(
         UPC), or past and future (CVA), which shows a weak mode beside a strong one.
     mixing
         M of the references :math:`r = M y`; the channels themselves by default.
-    first_lag
-        Lags before it are not used, whatever noise and filters do to them.
     errors_within
         Poles whose errors are computed, unless those of shapes are; all by default.
 
@@ -114,7 +111,7 @@ def identify_poles(
     .. [1] P. Van Overschee, B. De Moor, "Subspace Identification for Linear Systems" (1996),
        table 3.1 for the weightings.
     """
-    needed = first_lag + 2 * block_rows - 1
+    needed = 2 * block_rows
     available, channels, references = correlations.mean.shape
     largest = min(max(orders), (block_rows - 1) * channels, block_rows * references)
     if block_rows < 2 or min(orders) < 1 or needed > available:
@@ -122,8 +119,8 @@ def identify_poles(
             f"{block_rows=} and orders from {min(orders)} need {needed} lags, and {available} "
             "were given. Give at least 2 block rows, orders from 1, and as many lags."
         )
-    mean = correlations.mean[first_lag:needed]
-    draws = correlations.draws[:, first_lag:needed]
+    mean = correlations.mean[1:needed]
+    draws = correlations.draws[:, 1:needed]
     hankel = block_hankel(mean, block_rows, block_rows)
     past, future = _whitening(correlations, block_rows, weighting, mixing)
     u, s, vh = scipy.linalg.svd(future.left @ hankel @ past.left, full_matrices=False)

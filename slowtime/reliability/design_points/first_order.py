@@ -8,7 +8,7 @@ from slowtime.reliability.problem import Conditional, Evaluator, Problem
 from slowtime.reliability.result import Result, Stopping, approximated
 
 from .multinormal import union_of_halfspaces
-from .search import Search, find_design_points, sensitivities
+from .search import Search, require_design_points, sensitivities
 
 SHARE = 1e-3
 """Step of the derivatives at the mean, over each standard deviation."""
@@ -106,11 +106,7 @@ def form(
     Probability of failure, and the design points.
     """
     g = Evaluator(problem)
-    found = find_design_points(g, rng, search)
-    if not found.points:
-        raise ValueError(
-            f"{found.warnings[0]} Use a sampling method, such as subset simulation."
-        )
+    found = require_design_points(g, rng, search)
     points = tuple(sensitivities(problem, point) for point in found.points)
     warnings = found.warnings
     if len(points) > 1:

@@ -66,6 +66,18 @@ class DesignPointSearch:
     warnings: tuple[str, ...]
 
 
+def require_design_points(
+    g: Evaluator, rng: np.random.Generator, search: Search | None
+) -> DesignPointSearch:
+    """Find all design points that matter; raise `ValueError` where there is none."""
+    found = find_design_points(g, rng, search)
+    if not found.points:
+        raise ValueError(
+            f"{found.warnings[0]} Use a sampling method, such as subset simulation."
+        )
+    return found
+
+
 def find_design_points(
     g: Evaluator, rng: np.random.Generator, search: Search | None = None
 ) -> DesignPointSearch:

@@ -10,7 +10,7 @@ from slowtime.reliability.problem import Evaluator, Problem
 from slowtime.reliability.result import Result, Stopping, approximated
 
 from .multinormal import union_of_halfspaces
-from .search import Search, find_design_points, sensitivities
+from .search import Search, require_design_points, sensitivities
 
 STEP = 1e-2
 """Second differences in standard normal space."""
@@ -46,11 +46,7 @@ def sorm(
     if formula not in ("breitung", "tvedt"):
         raise ValueError(f"formula={formula!r}. Allowed: 'breitung', 'tvedt'.")
     g = Evaluator(problem)
-    found = find_design_points(g, rng, search)
-    if not found.points:
-        raise ValueError(
-            f"{found.warnings[0]} Use a sampling method, such as subset simulation."
-        )
+    found = require_design_points(g, rng, search)
     warnings = list(found.warnings)
     plain = total = 0.0
     bent = 0
