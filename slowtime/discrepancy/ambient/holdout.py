@@ -112,7 +112,7 @@ def _changed(
         what = SENSOR_CHANGES[effect.kind]
         (value,) = effect.parameters.values()
         return {(what, place.id): value}
-    motion = element_motion(problem, fit, 0, place, seed=0).during(*span_s)
+    motion = element_motion(problem, fit, 0, place).during(*span_s)
     added = motion.equivalents(kinds[effect.kind], effect.parameters)
     known = ("mass",) if place.kind == "node" else ("stiffness", "damping")
     names: list[Name] = [(one, place.id) for one in known]

@@ -1,7 +1,7 @@
 """Fit of a plant to records: growing horizons, noise estimate, and goodness of fit."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
@@ -18,6 +18,7 @@ from slowtime.discrepancy.noise import (
 )
 from slowtime.discrepancy.records import MIN_SAMPLES, Trial
 from slowtime.discrepancy.time_limit import leave_out
+from slowtime.dynamics.effects import Motion, Place
 from slowtime.dynamics.plant import Name, Plant
 
 from .levenberg_marquardt import (
@@ -127,6 +128,13 @@ class Fit:
     def constant_pulls(self) -> dict[Name, float]:
         """The same for constants of the structure; parameters of effects have no tolerance."""
         return {name: pull for name, pull in self.pulls.items() if name[0] != "effect"}
+
+    def motions(self, trials: Sequence[Trial]) -> Iterator[dict[Place, Motion]]:
+        """Run the model through its records, one after the other; motion by place."""
+        for trial, state in zip(trials, self.states, strict=True):
+            yield self.plant.states(
+                self.values, trial.inputs, trial.rate_hz, state0=state, start_s=trial.start_s
+            )
 
 
 def refit(

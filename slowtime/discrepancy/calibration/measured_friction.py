@@ -130,7 +130,7 @@ class MeasuredFrictionPlant:
         left = _extrapolated(self.trial.measured - run.outputs, self.trial.used)
         frequency, spectrum = transform(left, rate)
         noise = self.noise.density(self.number, frequency)
-        lines = drift.input_errors(0, frequency, spectrum, noise)
+        lines = drift.input_errors(frequency, spectrum, noise)
         scale = np.sqrt(2.0 / (rate * len(left)))
         errors = np.fft.irfft(lines / scale, len(left), axis=0)[:count]
         return bare.run(inputs + errors, rest, state0, self.trial)

@@ -67,12 +67,7 @@ def equivalent_laws(
     if not elements:
         return []
     data = bent.data
-    runs = [
-        bent.plant.states(
-            bent.values, trial.inputs, trial.rate_hz, state0=state, start_s=trial.start_s
-        )
-        for trial, state in zip(trials, bent.states, strict=True)
-    ]
+    runs = list(bent.motions(trials))
     found: list[Candidate] = []
     for element in elements[:MAX_ELEMENTS]:
         place = Place("element", str(element))

@@ -90,12 +90,4 @@ def is_shown(
     which = len(fit.plant.effects) - 1
     values = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))
     numbers = {name: values["effect", which, name] for name in kind.names}
-    return any(
-        kind.shown(
-            numbers,
-            fit.plant.states(
-                fit.values, trial.inputs, trial.rate_hz, state0=state, start_s=trial.start_s
-            )[named.effect.place],
-        )
-        for trial, state in zip(trials, fit.states, strict=True)
-    )
+    return any(kind.shown(numbers, run[named.effect.place]) for run in fit.motions(trials))

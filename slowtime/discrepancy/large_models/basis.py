@@ -106,13 +106,6 @@ class BandModes:
         rest = self.shapes[:, self.kept :]
         return np.asarray(rest / (self.squares[self.kept :] - self.exact_square) @ rest.T)
 
-    def flexibility_beyond(self, basis: Basis) -> Float[np.ndarray, "dof dof"]:
-        """Flexibility [m/N] that a basis lacks, where it is exact for loads that are kept."""
-        structure = self.structure
-        whole = self.shapes / (self.squares - self.exact_square) @ self.shapes.T
-        inner = basis.T @ (structure.stiffness - self.exact_square * structure.mass) @ basis
-        return np.asarray(whole - basis @ np.linalg.solve(inner, basis.T))
-
 
 def _orthonormal(shapes: Shapes, mass: Float[np.ndarray, "dof dof"]) -> Shapes:
     """Make shapes orthonormal in the mass; those that follow from others are left out."""

@@ -83,14 +83,10 @@ class Character:
         Shares of the surface that change, and do not change, sign with the motion; together 1.
     offset
         Constant part of the force [N]; it is left out of what follows.
-    exponent, exponent_sd
+    exponent
         Of force against motion from window to window: 1 linear, 3 cubic, 0 friction.
     steady
         Whether the surface has the same height at all times; None where there is no surface.
-    heights
-        Height of the surface over its mean, in stretches of the campaign.
-    heights_s
-        Middle of each stretch [s].
     """
 
     times_s: tuple[tuple[float, float], ...]
@@ -105,10 +101,7 @@ class Character:
     even: float
     offset: float
     exponent: float
-    exponent_sd: float
     steady: bool | None
-    heights: tuple[float, ...]
-    heights_s: tuple[float, ...]
 
     def amplitude(self, of: str, coordinate: str) -> str:
         """State the motion while the force acts; empty where nothing moves."""
@@ -144,7 +137,6 @@ def characterise(located: Localization, place: Place) -> Character:
     centred = [dataclasses.replace(m, force=m.force - surface.offset) for m in latents]
     exponent = _exponent(centred, windows)
     models = [located.attenuated(place, i, surface.at(m)) for i, m in enumerate(latents)]
-    steady, heights, heights_s = _surface_heights(centred, models, surface.share, lowest)
     return Character(
         times_s=_acting_times(latents, acting, located),
         bands_hz=_bands(located, place),
@@ -159,10 +151,7 @@ def characterise(located: Localization, place: Place) -> Character:
         even=1.0 - surface.odd,
         offset=surface.offset,
         exponent=exponent[0],
-        exponent_sd=exponent[1],
-        steady=steady,
-        heights=heights,
-        heights_s=heights_s,
+        steady=_is_steady(centred, models, surface.share, lowest),
     )
 
 
@@ -403,13 +392,13 @@ def _exponent(
     return slope, math.sqrt(float(left @ left / (len(x) - 2) / (x @ x)))
 
 
-def _surface_heights(
+def _is_steady(
     latents: Sequence[LatentForce], models: Sequence[Series], share: float, lowest_hz: float
-) -> tuple[bool | None, tuple[float, ...], tuple[float, ...]]:
-    """Height of the surface in stretches of the campaign, and whether they differ."""
+) -> bool | None:
+    """Whether the surface has the same height in all stretches of the campaign."""
     if share < 0.3:
-        return None, (), ()
-    heights, errors, middles = [], [], []
+        return None
+    heights, errors = [], []
     for latent, model in zip(latents, models, strict=True):
         times = latent.motion.times
         # Neighbouring samples go together over about a period of the lowest mode.
@@ -423,15 +412,13 @@ def _surface_heights(
             left = float(np.mean((f - height * m) ** 2))
             heights.append(height)
             errors.append(np.sqrt(left * together / power))
-            middles.append(float(times[part].mean()))
     if len(heights) < 2:
-        return None, (), ()
+        return None
     # A height is no better than the surface it is the height of.
     values = np.array(heights)
     sds = np.maximum(np.array(errors), THRESHOLDS.height_sd)
     mean = float(np.sum(values / sds**2) / np.sum(1 / sds**2))
     spread = float(np.sum(((values - mean) / sds) ** 2))
-    steady = bool(
+    return bool(
         scipy.special.chdtrc(max(len(values) - 1, 1), spread) > THRESHOLDS.steady_p_value
     )
-    return steady, tuple((values / mean).tolist()), tuple(middles)

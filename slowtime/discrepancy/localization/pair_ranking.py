@@ -58,15 +58,11 @@ them. Source: square root of double precision, with margin."""
 
 
 def likely_pairs(
-    fit: Fit,
-    trials: Sequence[Trial],
-    pairs: Sequence[NodePair],
-    most: int,
-    points: PointShapes | None = None,
+    fit: Fit, trials: Sequence[Trial], pairs: Sequence[NodePair], most: int
 ) -> list[NodePair]:
     """Choose the pairs of points between which something is likeliest missing."""
     solver, _, _ = linearise(fit, tuple(trials))
-    screening = PairScreening(solver, pairs, points)
+    screening = PairScreening(solver, pairs)
     small = _falling(screening.gains())
     alone = _falling(screening.exact_gains(small[:MOST_PROFILES]))
     # Where two links are missing, neighbours of the stronger one gain more than the weaker one

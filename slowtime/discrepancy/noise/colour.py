@@ -124,13 +124,8 @@ class Noise:
         return np.asarray(np.sqrt(np.trapezoid(self.density(trial, grid), grid, axis=0)))
 
 
-def white_noise(densities: Sequence[Sequence[float]], relative_sd: float = 0.0) -> Noise:
-    """White noise of given densities.
-
-    Parameters
-    ----------
-    densities
-        One-sided [unit²/Hz], by trial, then by sensor.
+def white_noise(densities: Sequence[Sequence[float]]) -> Noise:
+    """White noise of one-sided densities [unit²/Hz] that are known, by trial and sensor.
 
     Examples
     --------
@@ -141,7 +136,7 @@ def white_noise(densities: Sequence[Sequence[float]], relative_sd: float = 0.0) 
     if not all(0 < value < math.inf for row in densities for value in row):
         raise ValueError(f"{densities=} must be positive. Give the density of each sensor.")
     colours = tuple(tuple(Colour(white=float(value)) for value in row) for row in densities)
-    return Noise(colours=colours, relative_sd=tuple((relative_sd,) * len(r) for r in colours))
+    return Noise(colours=colours, relative_sd=tuple((0.0,) * len(r) for r in colours))
 
 
 def with_drift(noise: Noise, drift: Drift, rate_hz: float) -> Noise:

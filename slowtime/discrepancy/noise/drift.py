@@ -82,14 +82,13 @@ class Drift:
 
     def input_errors(
         self,
-        trial: int,
         frequency_hz: Float[np.ndarray, " frequency"],
         residual: Complex[np.ndarray, "frequency sensor"],
         noise: Float[np.ndarray, "frequency sensor"],
     ) -> Complex[np.ndarray, "frequency input"]:
-        """Spectrum of the input errors that cause a residual (posterior mean)."""
-        along = self.transfer(trial, frequency_hz)
-        loud = along * self.error_density[trial]
+        """Spectrum of the input errors that cause a residual of the first trial (mean)."""
+        along = self.transfer(0, frequency_hz)
+        loud = along * self.error_density[0]
         both = loud @ along.conj().swapaxes(1, 2) + noise[:, :, None] * np.eye(noise.shape[1])
         seen = np.linalg.solve(both, residual[:, :, None])
         errors = (loud.conj().swapaxes(1, 2) @ seen)[:, :, 0]

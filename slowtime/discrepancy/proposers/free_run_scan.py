@@ -104,14 +104,7 @@ def _sites(given: Round) -> Iterator[tuple[Kind, Place]]:
 def _laws(given: Round, kind: Kind, place: Place) -> Iterator[Effect]:
     """Give a law in some shapes, as strong as parts of the element's spring."""
     before = given.before
-    motion = concatenate_motions(
-        [
-            before.plant.states(
-                before.values, one.inputs, one.rate_hz, state0=state, start_s=one.start_s
-            )[place]
-            for one, state in zip(given.trials, before.states, strict=True)
-        ]
-    )
+    motion = concatenate_motions([run[place] for run in before.motions(given.trials)])
     values = dict(zip(before.plant.parameters, before.values.tolist(), strict=True))
     spring = values["stiffness", place.id] * motion.e
     described = before.plant.description

@@ -87,12 +87,7 @@ def _started(
     among: Sequence[Place] | None,
 ) -> Iterator[tuple[float, Effect]]:
     """Give each law at each element as its free run comes nearest, and what that leaves."""
-    runs = [
-        before.plant.states(
-            before.values, head.inputs, head.rate_hz, state0=state, start_s=head.start_s
-        )
-        for head, state in zip(heads, before.states, strict=True)
-    ]
+    runs = list(before.motions(heads))
     stiffness = dict(zip(before.plant.parameters, before.values.tolist(), strict=True))
     for element in before.plant.description.elements:
         place = Place("element", element.id)

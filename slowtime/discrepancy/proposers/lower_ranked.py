@@ -81,12 +81,9 @@ class NearbyRuns:
 
     def __call__(self, given: Round) -> Proposal:
         """Propose fits that are stuck, from another start, and laws that come as near."""
-        best = given.best()
-        if not _is_asked(given) or (
-            best is not None and best.chi2_in_band < LIMITS.far_off_chi2
-        ):
+        if not _is_far_off(given):
             return Proposal(self.name, ())
-        near = _as_near(given, best or given.hypothesis.last)
+        near = _as_near(given, given.best() or given.hypothesis.last)
         return Proposal(self.name, (*_stuck(given), *near))
 
 
@@ -98,10 +95,7 @@ class InitialSegments:
 
     def __call__(self, given: Round) -> Proposal:
         """Propose laws that leave least of the first swings of the records."""
-        best = given.best()
-        if not _is_asked(given) or (
-            best is not None and best.chi2_in_band < LIMITS.far_off_chi2
-        ):
+        if not _is_far_off(given):
             return Proposal(self.name, ())
         opened: list[Candidate] = []
         begins = None
@@ -115,7 +109,7 @@ class InitialSegments:
             likeliest = [
                 place for place in given.localized.equivalent_places if place.kind == "element"
             ]
-            among = likeliest or None if _explains_some(given, best) else None
+            among = likeliest or None if _explains_some(given, given.best()) else None
             opened = initial_segment_candidates(
                 given.before, given.trials, given.kinds, late, among
             )
@@ -172,6 +166,12 @@ def _is_asked(given: Round) -> bool:
     return much and not (
         _explains_some(given, best) and best.chi2_in_band < LIMITS.far_off_chi2
     )
+
+
+def _is_far_off(given: Round) -> bool:
+    """Return whether a proposer is asked, and the best fit is still far off."""
+    best = given.best()
+    return _is_asked(given) and (best is None or best.chi2_in_band >= LIMITS.far_off_chi2)
 
 
 def _explains_some(given: Round, best: Fit | None) -> bool:

@@ -165,14 +165,14 @@ def _validated_gain(
 def refit_plainly(
     fit: Fit,
     trials: Sequence[Trial],
-    records: Sequence[Trial] | None = None,
+    records: Sequence[Trial],
     is_late: Callable[[], bool] | None = None,
 ) -> Fit | None:
     """Refit with white weights, the same over each record; None where that breaks down."""
     return try_refit(
         fit.plant, trials,
         free=list(fit.prior.names),
-        noise=plain_weights(fit, records or trials), values=fit.values, states=fit.states,
+        noise=plain_weights(fit, records), values=fit.values, states=fit.states,
         horizons=(1.0,), control=FitControl(to_convergence=True, is_late=is_late),
     )  # fmt: skip
 

@@ -85,12 +85,7 @@ def _test_element(
     trials: Sequence[Trial],
     kinds: Mapping[str, Kind],
 ) -> LawDoubt | None:
-    runs = [
-        fit.plant.states(
-            fit.values, trial.inputs, trial.rate_hz, state0=state, start_s=trial.start_s
-        )
-        for trial, state in zip(trials, fit.states, strict=True)
-    ]
+    runs = list(fit.motions(trials))
     motions = [run[place] for run in runs]
     scales = {"e_m": _rms([m.e for m in motions]), "v_m_per_s": _rms([m.v for m in motions])}
     if min(scales.values()) == 0.0:

@@ -16,19 +16,19 @@ SAMPLES = 400
 
 
 def surface_band(
-    fit: Fit, motion: Motion, number: int = -1, *, instantaneous: bool = False
+    fit: Fit, motion: Motion, *, instantaneous: bool = False
 ) -> tuple[Float[np.ndarray, " time"], Float[np.ndarray, " time"]]:
-    r"""Force of a fitted surface along a motion, and its standard deviation [N].
+    r"""Force of a surface, the last effect of a fit, along a motion, and its sd [N].
 
     The force is linear in its coefficients, so that within the measured range
     :math:`\sigma^2 = j^T C j` with their covariance :math:`C`, inflated where the model leaves
-    more than noise.
-    Coefficients that are bounded, in a monotone surface, have that distribution within their
-    bounds, and :math:`C` is their mean square about the fit. Beyond the measured range, the
-    standard deviation of the prior of a coefficient is added for each half range of elongation
-    or speed. An `instantaneous` band leaves out the part that depends on past motion.
+    more than noise. Coefficients that are bounded, in a monotone surface, have that
+    distribution within their bounds, and :math:`C` is their mean square about the fit. Beyond
+    the measured range, the standard deviation of the prior of a coefficient is added for each
+    half range of elongation or speed. An `instantaneous` band leaves out the part that depends
+    on past motion.
     """
-    at = number % len(fit.plant.effects)
+    at = len(fit.plant.effects) - 1
     effect = fit.plant.effects[at]
     kind = fit.plant.kinds[effect.kind]
     named = dict(zip(fit.plant.parameters, fit.values.tolist(), strict=True))

@@ -117,7 +117,7 @@ def test_errors_of_the_force_are_found_in_what_they_leave():
     frequency = np.fft.rfftfreq(4000, 1 / RATE)
     error = np.exp(2j * np.pi * np.random.default_rng(3).random(len(frequency)))[:, None]
     left = drift.transfer(0, frequency)[:, :, 0] * error
-    found = drift.input_errors(0, frequency, left, np.full(left.shape, 1e-30))
+    found = drift.input_errors(frequency, left, np.full(left.shape, 1e-30))
     assert found[1:100] == pytest.approx(error[1:100], rel=1e-6)
     assert found[0] == 0
 

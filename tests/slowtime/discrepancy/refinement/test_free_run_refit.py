@@ -184,7 +184,7 @@ def test_the_change_counts_among_what_is_not_known():
     assert found is not None
     off = found.fit.free - before.free
     assert (found.fit.inflated_sd**2 >= 0.49 * off**2).all()
-    plain = refit_plainly(before, trials)
+    plain = refit_plainly(before, trials, trials)
     assert plain is not None
     assert found.fit.free == pytest.approx(plain.free)
 
@@ -195,7 +195,7 @@ def test_answers_are_quoted_from_the_refit_wherever_their_effect_stands():
     drag = {"effect": "quadratic_damping", "element": "guide", "c2_n_s2_per_m2": 18.0}
     bias = {"effect": "input_bias", "input": "force", "bias": 0.0}
     fit = refit(Plant.of(drive(bias, drag), kinds=KINDS), trials)
-    other = refit_plainly(fit, trials)
+    other = refit_plainly(fit, trials, trials)
     assert other is not None
     law = Effect("quadratic_damping", Place("element", "guide"), {"c2_n_s2_per_m2": 1.0})
     offset = Effect("input_bias", Place("input", "force"), {"bias": 1.0})
