@@ -90,11 +90,8 @@ class ForceSpace:
         self.solved = scipy.linalg.cho_solve(self.factor, self.right)
         self.cost_without = self.square - float(self.right @ self.solved)
         """Chi squared without any force at the place."""
-        self.names, self.reference, self.change = (
-            _constant_names(fit),
-            _constant_values(fit),
-            change,
-        )
+        own = _constant_index(fit)
+        self.names, self.reference, self.change = _constant_names(fit), fit.free[own], change
         deviation = known.reference_change + change + (self.solved * self.scale)[:constants]
         self.sd, self.pulls = known.sd, deviation / known.sd
 
@@ -217,12 +214,13 @@ def _constant_names(fit: Fit) -> tuple[tuple[str, str], ...]:
     return tuple((name[0], str(name[1])) for name in fit.prior.names if name[0] != "effect")
 
 
-def _constant_values(fit: Fit) -> Float[np.ndarray, " constant"]:
-    return fit.free[[i for i, name in enumerate(fit.prior.names) if name[0] != "effect"]]
+def _constant_index(fit: Fit) -> list[int]:
+    """Places of the constants of the structure among all that are free."""
+    return [i for i, name in enumerate(fit.prior.names) if name[0] != "effect"]
 
 
 def _linear_constants(fit: Fit, located: Localization) -> LinearConstants:
-    index = [i for i, name in enumerate(fit.prior.names) if name[0] != "effect"]
+    index = _constant_index(fit)
     now, mean, sd = fit.free[index], fit.prior.mean[index], fit.prior.sd[index]
     return LinearConstants.of(
         located.linear, _constant_names(fit), (now - mean) / now, sd / np.abs(now)

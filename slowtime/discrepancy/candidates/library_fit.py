@@ -18,8 +18,10 @@ from jaxtyping import Float
 
 from slowtime.discrepancy.calibration import Fit
 from slowtime.discrepancy.calibration.augmentation import FitStart
-from slowtime.discrepancy.localization import Localization, PlaceGroup
+from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
+from slowtime.discrepancy.localization import Localization, PlaceGroup, locate
 from slowtime.discrepancy.noise import has_rigid_motion
+from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
 from slowtime.discrepancy.workers import map_shared
 from slowtime.dynamics.description import Description, OpenJoint, moves_with_base
@@ -154,13 +156,24 @@ def library_candidates(
                 score = -cost / 2 - numbers / 2 * math.log(data)
                 found.append(Candidate(effect, cost, score, space.cost_without))
     found.sort(key=lambda c: -c.score)
-    foremost = [
-        dataclasses.replace(
-            c, start=_start_of_effect(fit, c.effect, kinds, spaces[c.effect.place])
-        )
-        for c in found[:MAX_STARTS]
-    ]
+    foremost = []
+    for one in found[:MAX_STARTS]:
+        space = spaces[one.effect.place]
+        forces = space.lines_of(effect_forces(kinds[one.effect.kind], one.effect, space))
+        foremost.append(dataclasses.replace(one, start=start_with_force(fit, forces, space)))
     return [*foremost, *found[MAX_STARTS:]]
+
+
+def laws_left_by(
+    fit: Fit,
+    trials: tuple[Trial, ...],
+    kinds: Mapping[str, Kind],
+    among: Sequence[Kind] | None = None,
+) -> tuple[Fit, Localization, list[Candidate]]:
+    """Give the fit within tolerances, where a force is missing from it, and laws of that."""
+    held = refit_within_tolerances(fit, trials)
+    located = locate(held, trials)
+    return held, located, library_candidates(held, located, kinds, among)
 
 
 def is_tonal(located: Localization) -> bool:
@@ -183,15 +196,6 @@ def is_tonal(located: Localization) -> bool:
 def acceptable_chi2(least: float) -> float:
     """Mean square over the noise up to which a place is not passed over."""
     return PLACE_RATIO * max(least, 1.0) + PLACE_OFFSET
-
-
-def _start_of_effect(
-    fit: Fit, effect: Effect, kinds: Mapping[str, Kind], space: ForceSpace
-) -> FitStart:
-    """Solve for constants and initial states, given a fitted law."""
-    return start_with_force(
-        fit, space.lines_of(effect_forces(kinds[effect.kind], effect, space)), space
-    )
 
 
 def start_with_force(fit: Fit, forces: list[ForceSpectra], space: ForceSpace) -> FitStart:

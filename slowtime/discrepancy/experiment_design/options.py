@@ -77,20 +77,16 @@ def experiment_trial(option: Experiment, trial: Trial, description: Description)
         # Forces of the size of those of inertia that a shaken base had made.
         masses = [node.mass_kg for node in description.nodes if node.mass_kg]
         mass = float(np.mean(masses)) if masses else 1.0
+        coordinate = description.unit_of_coordinate
         size = max(
             float(column.std())
-            * _si_factor(entry, description)
+            * unit_factor(entry.unit, entry.quantity, coordinate)
             * (mass if entry.node is None else 1.0)
             for entry, column in zip(description.inputs, trial.inputs.T, strict=True)
         )
         wave = _waveform(option, times)[:, None] * size
         inputs = np.hstack([np.zeros_like(inputs), np.repeat(wave, len(option.add_inputs), 1)])
     return Trial(inputs=inputs, outputs=np.zeros((count, 1)), rate_hz=trial.rate_hz)
-
-
-def _si_factor(entry: Input, description: Description) -> float:
-    quantity = entry.quantity
-    return unit_factor(entry.unit, quantity, description.unit_of_coordinate)
 
 
 def _other_levels() -> list[Experiment]:

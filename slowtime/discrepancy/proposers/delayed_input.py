@@ -1,21 +1,18 @@
 """Proposer: clocks of sensors that are off, and laws that only a late input hides."""
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 from slowtime.discrepancy.calibration import Fit, FitControl, attempt
-from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
-from slowtime.discrepancy.candidates.library_fit import Candidate, label_of, library_candidates
+from slowtime.discrepancy.candidates.library_fit import Candidate, label_of, laws_left_by
 from slowtime.discrepancy.estimation.candidate_fit import (
     GROWING_HORIZONS,
     FitSchedule,
     fit_candidate,
 )
 from slowtime.discrepancy.estimation.model_evidence import FittedCandidate, fitted_effect
-from slowtime.discrepancy.localization import locate
-from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.thresholds import LIMITS
-from slowtime.dynamics.effects import Effect, Kind, Place
+from slowtime.dynamics.effects import Effect, Place
 
 from .protocol import Proposal, Round
 
@@ -104,19 +101,12 @@ def pairs_with_delayed_input(given: Round) -> Iterator[tuple[Candidate, Candidat
         if named is None:
             continue
         delay = fitted_effect(named)
-        for law in (attempt(_laws_beside, named.fit, trials, kinds) or [])[:LAWS_PER_INPUT]:
+        left = attempt(laws_left_by, named.fit, trials, kinds)
+        for law in left[2][:LAWS_PER_INPUT] if left is not None else ():
             if law.cost < EXPLAINED_SHARE * law.cost_without and label_of(
                 law.effect
             ) != label_of(delay):
                 yield Candidate(delay, law.cost, law.score, law.cost_without), law
-
-
-def _laws_beside(
-    fit: Fit, trials: tuple[Trial, ...], kinds: Mapping[str, Kind]
-) -> list[Candidate]:
-    """Give laws of the force that a fit leaves, the best first."""
-    held = refit_within_tolerances(fit, trials)
-    return library_candidates(held, locate(held, trials), kinds)
 
 
 def _opaque(tried: Sequence[Candidate]) -> bool:

@@ -19,9 +19,7 @@ from slowtime.discrepancy.calibration import (
     refit,
 )
 from slowtime.discrepancy.calibration.initial_states import refit_initial_states
-from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
-from slowtime.discrepancy.candidates.library_fit import Candidate, label_of, library_candidates
-from slowtime.discrepancy.localization import locate
+from slowtime.discrepancy.candidates.library_fit import Candidate, label_of, laws_left_by
 from slowtime.discrepancy.records import MIN_SAMPLES, Trial
 from slowtime.dynamics.effects import Kind
 
@@ -66,9 +64,7 @@ def _first_misfit(
         )  # fmt: skip
         horizons = (1.0,)
         if fit.chi2_in_band > WRONG_MODEL_CHI2:
-            held = refit_within_tolerances(fit, parts)
-            located = locate(held, parts)
-            along = library_candidates(held, located, kinds)
+            held, located, along = laws_left_by(fit, parts, kinds)
             places = (p for g in located.groups for p in g.places if p.kind == "element")
             among = list(itertools.islice(places, LIKELY_ELEMENTS))
             opened = initial_segment_candidates(held, parts, kinds, late, among)

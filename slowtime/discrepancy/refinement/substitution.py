@@ -8,25 +8,22 @@ and is looked for as one is.
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 
-from slowtime.discrepancy.calibration import Fit, attempt
+from slowtime.discrepancy.calibration import attempt
 from slowtime.discrepancy.calibration.augmentation import fitted_effects, refit_without
 from slowtime.discrepancy.calibration.goodness_of_fit import chi2_p_value
-from slowtime.discrepancy.calibration.tolerances import refit_within_tolerances
 from slowtime.discrepancy.candidates.library_fit import (
-    Candidate,
     Label,
     label_of,
-    library_candidates,
+    laws_left_by,
 )
 from slowtime.discrepancy.estimation.candidate_fit import best_of_each_place, fit_candidates
 from slowtime.discrepancy.estimation.input_hold import Hold
 from slowtime.discrepancy.estimation.model_evidence import fitted_effect
 from slowtime.discrepancy.estimation.significance import sds_of_strength
 from slowtime.discrepancy.hypothesis import Hypothesis
-from slowtime.discrepancy.localization import Localization, locate
+from slowtime.discrepancy.localization import locate
 from slowtime.discrepancy.progress import Monitor
 from slowtime.discrepancy.quoting import moved_of
-from slowtime.discrepancy.records import Trial
 from slowtime.discrepancy.selection.acceptance import Criteria, accept, is_second_curve
 from slowtime.discrepancy.selection.comparison import better, explains_all
 from slowtime.discrepancy.selection.probabilities import first_doubts
@@ -147,18 +144,6 @@ def _in_turn(hypothesis: Hypothesis, weak: Sequence[int]) -> Iterator[int]:
     )
 
 
-def _candidates_beside(
-    less: Fit,
-    trials: tuple[Trial, ...],
-    kinds: Mapping[str, Kind],
-    among: Sequence[Kind] | None,
-) -> tuple[Fit, Localization, list[Candidate]]:
-    """Give the fit within tolerances, where a force is missing from it, and laws of that."""
-    before = refit_within_tolerances(less, trials)
-    located = locate(before, trials)
-    return before, located, library_candidates(before, located, kinds, among)
-
-
 def _searched_again(
     hypothesis: Hypothesis,
     number: int,
@@ -176,7 +161,7 @@ def _searched_again(
     if less is None:
         return None
     others = [a for i, a in enumerate(hypothesis.effects) if i != number]
-    told = attempt(_candidates_beside, less, trials, kinds, among)
+    told = attempt(laws_left_by, less, trials, kinds, among)
     if told is None:
         return None
     before, located, tried = told
