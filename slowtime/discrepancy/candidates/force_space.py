@@ -90,8 +90,8 @@ class ForceSpace:
         self.solved = scipy.linalg.cho_solve(self.factor, self.right)
         self.cost_without = self.square - float(self.right @ self.solved)
         """Chi squared without any force at the place."""
-        own = _constant_index(fit)
-        self.names, self.reference, self.change = _constant_names(fit), fit.free[own], change
+        self.names, self.change = _constant_names(fit), change
+        self.reference = fit.free[_constant_index(fit)]
         deviation = known.reference_change + change + (self.solved * self.scale)[:constants]
         self.sd, self.pulls = known.sd, deviation / known.sd
 
