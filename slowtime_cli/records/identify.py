@@ -280,6 +280,8 @@ def _say_lines(told: ModesAndLines) -> None:
     speeds = [f"{family.base_hz.value:.4g} Hz" for family in told.families]
     if told.lines:
         of = f", multiples of {' and of '.join(speeds)}" if speeds else ""
+        if speeds and sum(len(family.members) for family in told.families) < len(told.lines):
+            of += " and lines beside these"
         note(f"{plural(len(told.lines), 'line')} of machines{of}: kind harmonic, no modes.")
 
 

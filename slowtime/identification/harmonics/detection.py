@@ -21,8 +21,16 @@ from slowtime.signals.spectra import detrended
 from .families import HarmonicFamily, group_into_families
 from .narrowband import FourierSpectra, NarrowBand, fourier_spectra, narrow_band
 from .sharp_peaks import sharp_peaks
+from .sidebands import group_into_sidebands
 from .steadiness_test import noise_p_value, steadiness_p_value, tone_p_value
-from .tones import SEARCH_BINS, line_amplitude, line_frequency, line_shape, strongest_bin
+from .tones import (
+    SEARCH_BINS,
+    line_amplitude,
+    line_frequency,
+    line_shape,
+    remove_lines,
+    strongest_bin,
+)
 
 LEAST_DAMPING = 5e-4
 """Least damping ratio of a structural mode [1]."""
@@ -69,6 +77,8 @@ class PeakClass:
         Complex deflection of the channels, of unit norm; 0 in channels that do not move.
     decidable
         Whether the record is long enough to tell.
+    sideband
+        Whether it was told by its distance from the multiples of a speed.
     """
 
     frequency_hz: Measured
@@ -78,6 +88,7 @@ class PeakClass:
     amplitude: float
     shape: Complex[np.ndarray, " channel"]
     decidable: bool
+    sideband: bool = False
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -170,7 +181,8 @@ def find_harmonics(
     """Find the lines of machines in a record, and the base frequencies of their harmonics.
 
     Every sharp peak is judged as `classify_peaks` would; where the lines found are multiples
-    of a base, the other peaks on its multiples are judged again as at a known speed.
+    of a base, the other peaks on its multiples are judged again as at a known speed, and peaks
+    at one distance from many of its multiples are sidebands (`group_into_sidebands`).
 
     Harmonics ascend in frequency; `members` of a family counts them from 0.
 
@@ -204,7 +216,53 @@ def find_harmonics(
         bases = group_into_families(
             tuple(v.frequency_hz for v in lines), resolution_hz=spectra.spacing_hz
         )
-    return lines, bases
+    beside = _sidebands(samples, rate_hz, (low, high), moving, lines, bases)
+    return _joined(lines, beside, bases) if beside else (lines, bases)
+
+
+def _sidebands(
+    samples: np.ndarray,
+    rate_hz: float,
+    band_hz: tuple[float, float],
+    moving: np.ndarray,
+    lines: tuple[PeakClass, ...],
+    bases: tuple[HarmonicFamily, ...],
+) -> list[PeakClass]:
+    """Sidebands of families, among the peaks of a record without the lines found so far."""
+    if not bases:
+        return []
+    columns = detrended(checks.series(samples, rate_hz))
+    tones = tuple(line.frequency_hz for line in lines)
+    spectra = fourier_spectra(remove_lines(columns, rate_hz, tones), rate_hz)
+    peaks = sharp_peaks(spectra, *band_hz)
+    apart = 2.0 * spectra.spacing_hz
+    peaks = [f for f in peaks if all(abs(f - tone.value) > apart for tone in tones)]
+    places = np.array([*peaks, *(tone.value for tone in tones)])
+    found: dict[int, PeakClass] = {}
+    for base in bases:
+        for group in group_into_sidebands(
+            places, base_hz=base.base_hz.value, resolution_hz=spectra.spacing_hz
+        ):
+            for member in group.members:
+                if member < len(peaks) and member not in found:
+                    centre = round(peaks[member] / spectra.spacing_hz)
+                    line = narrow_band(spectra, centre, TONE_HALF_WIDTHS[0])
+                    told = _peak_class(spectra, moving, line, group.p_chance, True)
+                    found[member] = dataclasses.replace(told, sideband=True)
+    return list(found.values())
+
+
+def _joined(
+    lines: tuple[PeakClass, ...], beside: list[PeakClass], bases: tuple[HarmonicFamily, ...]
+) -> tuple[tuple[PeakClass, ...], tuple[HarmonicFamily, ...]]:
+    """Lines and their sidebands, ascending; members of families counted among all of them."""
+    every = sorted([*lines, *beside], key=lambda line: line.frequency_hz.value)
+    place = {id(line): k for k, line in enumerate(every)}
+    moved = tuple(
+        dataclasses.replace(base, members=tuple(place[id(lines[k])] for k in base.members))
+        for base in bases
+    )
+    return tuple(every), moved
 
 
 def _prepared(samples: np.ndarray, rate_hz: float) -> tuple[FourierSpectra, np.ndarray]:
@@ -230,8 +288,21 @@ def _verdict(
     rng = np.random.default_rng(0)
     p, line = _least_likely(spectra, centre, least, level, searched, rng)
     harmonic = p < level
+    decidable = least >= DECIDABLE or harmonic
+    return _peak_class(spectra, moving, line, p, harmonic, decidable)
+
+
+def _peak_class(
+    spectra: FourierSpectra,
+    moving: np.ndarray,
+    line: NarrowBand,
+    p: float,
+    harmonic: bool,
+    decidable: bool = True,
+) -> PeakClass:
+    """Statistics of a peak that was judged."""
     shape = np.zeros(len(moving), dtype=complex)
-    shape[moving] = line_shape(spectra, centre)
+    shape[moving] = line_shape(spectra, line.centre)
     return PeakClass(
         frequency_hz=line_frequency(line, spectra.spacing_hz),
         kind="harmonic" if harmonic else "structural",
@@ -239,7 +310,7 @@ def _verdict(
         snr_db=10.0 * float(np.log10(max(line.snr, 1e-12))),
         amplitude=line_amplitude(spectra, line),
         shape=shape,
-        decidable=least >= DECIDABLE or harmonic,
+        decidable=decidable,
     )
 
 

@@ -68,7 +68,9 @@ def without_periodic_force(
 
     Beside them, the number of periods of the force in the record; 1 without such a force.
     """
-    base = periodic_force_base(tuple(line.frequency_hz for line in found), resolution_hz)
+    # A speed and the distance of its sidebands have a common part that is no period.
+    own = tuple(line.frequency_hz for line in found if not line.sideband)
+    base = periodic_force_base(own, resolution_hz)
     if base is None:
         return found, 1.0
     off = _off(np.array([line.frequency_hz.value for line in found]), base)
