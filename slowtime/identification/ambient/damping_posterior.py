@@ -4,9 +4,16 @@ With few half-bandwidths of record the likelihood of the damping is skewed, and 
 top says little about its tails. Here it is followed along a raster of damping ratios, the other
 parameters at their likeliest and marginalised about it (Laplace),
 
-.. math:: p(\zeta) \propto \hat L(\zeta) \, |\Sigma(\zeta)|^{1/2} ,
+.. math:: p(\zeta) \propto \zeta^{-1/2} \, \hat L(\zeta) \, |\Sigma(\zeta)|^{1/2} ,
 
-with a flat prior on :math:`0 < \zeta < 0.8`.
+on :math:`0 < \zeta < 0.8`. The prior is Jeffreys': the information on :math:`\ln \zeta`
+grows as :math:`\zeta` (`ambient_law`). Intervals under it hold to second order [1]_; under a
+flat prior the damping of short records is too high.
+
+References
+----------
+.. [1] B. L. Welch, H. W. Peers, "On formulae for confidence points based on integrals of
+   weighted likelihoods", J. R. Stat. Soc. B 25 (1963).
 """
 
 import dataclasses
@@ -27,7 +34,10 @@ DROP = 12.0
 """Fall of the log-likelihood at which the grid ends."""
 
 LEAST_DAMPING, MOST_DAMPING = 1e-5, 0.8
-"""Range of the flat prior of the damping ratio [1]."""
+"""Range of the prior of the damping ratio [1]."""
+
+JEFFREYS = 0.5
+"""Exponent of the prior of ln zeta, the square root of the information on it, in zeta [1]."""
 
 FEWEST_POINTS = 4
 """Grid points below which the Gaussian approximation is used."""
@@ -74,7 +84,7 @@ def damping_posterior(
     frequency = np.array([peak.parameters[FREQUENCY] for peak in points])
     variance = np.array([peak.covariance[FREQUENCY, FREQUENCY] for peak in points])
     fine = np.linspace(places[0], places[-1], FINE)
-    log_density = cubic_spline(places, level, fine) + fine  # flat in zeta, not in its logarithm
+    log_density = cubic_spline(places, level, fine) + JEFFREYS * fine
     weight = np.exp(log_density - log_density.max())
     cumulated = np.concatenate([[0.0], np.cumsum(0.5 * (weight[1:] + weight[:-1]))])
     cumulated /= cumulated[-1]
