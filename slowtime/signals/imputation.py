@@ -9,7 +9,7 @@ conditional distribution,
 
 has the spectrum of the record [1]_. :math:`R` is the covariance of all channels together, from
 the lagged products of the pairs that exist [2]_, kept positive definite. Samples of longer gaps
-are drawn piece by piece, each given those before it.
+are drawn piece by piece, each given those before it and those behind the gap.
 
 References
 ----------
@@ -142,7 +142,7 @@ def _draw_all(series: np.ndarray, present: np.ndarray, drawing: "_Drawing") -> f
     """Put draws into all gaps of a series; the sum of their variances."""
     known = present.copy()
     return sum(
-        drawing.draw(series, known, begin, min(begin + PIECE, last))
+        drawing.draw(series, known, slice(begin, min(begin + PIECE, last)), last)
         for first, last in runs_missing(present)
         for begin in range(first, last, PIECE)
     )
@@ -185,9 +185,14 @@ class _Drawing:
         default_factory=dict
     )
 
-    def draw(self, series: np.ndarray, known: np.ndarray, first: int, last: int) -> float:
-        """Put samples from `first` up to `last` into the series; the sum of their variances."""
-        low, high = max(first - self.reach, 0), min(last + self.reach, len(series))
+    def draw(self, series: np.ndarray, known: np.ndarray, piece: slice, end: int) -> float:
+        """Put a piece of a gap that ends before `end` into a series; the sum of its variances.
+
+        Each piece is given both ends of the gap: a mode whose memory is longer than the gap
+        would otherwise jump in phase where the last piece meets what was measured.
+        """
+        first, last = piece.start, piece.stop
+        low, high = max(first - self.reach, 0), min(end + self.reach, len(series))
         around = known[low:high]
         key = (first - low, last - low, around.tobytes())
         if key not in self.weights:

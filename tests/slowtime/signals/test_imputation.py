@@ -74,6 +74,17 @@ def test_draws_of_channels_that_move_together_move_together():
     assert np.corrcoef(drawn.T)[0, 1] < -0.99
 
 
+def test_a_long_gap_within_the_memory_of_a_mode_is_drawn_given_both_of_its_ends():
+    # Its memory is 500 samples; from one end alone the draws are off by 0.68.
+    rng, count = np.random.default_rng(7), 20_000
+    poles = [0.998 * np.exp(1j), 0.998 * np.exp(-1j)]
+    series = autoregression(poles, count, rng)[:, None]
+    series = series / series.std() + 0.02 * rng.standard_normal(series.shape)
+    present = (np.arange(count) % 1000 < 500) | (np.arange(count) % 1000 >= 700)
+    drawn = impute(series, present, rng=np.random.default_rng(1)).samples
+    assert (drawn - series)[~present].std() < 0.55
+
+
 def test_without_a_generator_it_predicts():
     rng, count = np.random.default_rng(6), 5000
     decay = np.exp(-np.arange(count) / 1500) * np.cos(0.3 * np.arange(count))
