@@ -235,19 +235,21 @@ class SettingTally:
 
     def add(self, cell: Cell, share: float, modes: Sequence[Sequence[float]]) -> None:
         """Count one record."""
-        taken = set()
-        for truth in cell.frequencies_hz[cell.inside]:
+        truths = cell.frequencies_hz
+        # Of two close modes an estimate is one of the nearer: it is not the other one missed.
+        nearest = [int(np.argmin(np.abs(truths - m[0]))) for m in modes]
+        for place in cell.inside:
+            truth = truths[place]
             law = ambient_law(DAMPING, share * int(cell.cycles) * truth)
             near = [
                 (abs(m[0] - truth), k)
                 for k, m in enumerate(modes)
-                if abs(m[0] - truth) < ABOUT * DAMPING * truth and k not in taken
+                if nearest[k] == place and abs(m[0] - truth) < ABOUT * DAMPING * truth
             ]
             self.wanted += law[1] <= 0.5
             if not near:
                 self.refused += law[1] <= 0.5
                 continue
-            taken.add(min(near)[1])
             f, f_sd, z, z_sd = modes[min(near)[1]]
             self.held[0].append(bool(abs(f - truth) <= 1.96 * f_sd))
             if np.isfinite(z_sd):
