@@ -23,6 +23,9 @@ NEARLY = 0.1
 """Length of the last step below which a search that was cut short counts as converged [standard
 deviations]."""
 
+BLOCK = 32
+"""Times of a block of exponentials [samples], about the root of the length of a series."""
+
 WIDEST_PENCIL = 96
 """Largest number of columns of the Hankel matrix."""
 
@@ -113,7 +116,7 @@ def _solve(
     target: np.ndarray, times: np.ndarray, poles: np.ndarray, drift: np.ndarray
 ) -> _State:
     """Linear amplitudes, and slopes of the model in real and imaginary part of each pole."""
-    waves = np.exp(np.multiply.outer(times, poles))
+    waves = _waves(times, poles)
     columns = _clear(np.concatenate([waves.real, -waves.imag], axis=1), drift)
     basis, triangle = np.linalg.qr(columns)
     diagonal = np.abs(np.diag(triangle))
@@ -135,6 +138,19 @@ def _solve(
         slopes.T @ residual,
         float(residual @ residual),
     )
+
+
+def _waves(times: np.ndarray, poles: np.ndarray) -> np.ndarray:
+    """Exponentials at equally spaced times from 0 on, a column for each pole.
+
+    Products of those of every `BLOCK`-th time and of the first block: exponentials of complex
+    numbers are most of the cost of a step.
+    """
+    rows = np.exp(np.multiply.outer(poles, times[::BLOCK]))[:, :, None]
+    waves = (rows * np.exp(np.multiply.outer(poles, times[:BLOCK]))[:, None, :]).reshape(
+        len(poles), -1
+    )
+    return np.asarray(waves[:, : len(times)].T)
 
 
 def _rings(poles: np.ndarray, times: np.ndarray) -> bool:

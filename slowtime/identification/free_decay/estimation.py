@@ -32,6 +32,9 @@ offers a mode at every frequency."""
 NEIGHBOUR = 2.0**0.25
 """Largest ratio of the frequencies of a fit and of its candidate."""
 
+EARLY = 4
+"""Steps after which a fit has nearly explained what it will."""
+
 FRONT_SHARE = 0.9
 """Least share of the power in the first half of the record of an impact."""
 
@@ -95,17 +98,73 @@ def fit_segment(part: IsolatedSeries, candidate: PeakCandidate) -> SegmentFit:
 
     It is flagged `strayed` if none is near the candidate.
     """
-    count = len(part.series)
-    duration = count / part.rate_hz
-    drift = drift_basis(count, 1 + int(2 * duration * part.drift_hz))
-    space = signal_subspace(part.series - drift @ (drift.T @ part.series))
+    return fit_spanned(SpannedSegment.of(part), candidate)
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class SpannedSegment:
+    """A series, its drift and the signal subspace of the rest, from which fits start."""
+
+    part: IsolatedSeries
+    drift: Float[np.ndarray, "time term"]
+    space: Float[np.ndarray, "lag direction"]
+
+    @classmethod
+    def of(cls, part: IsolatedSeries) -> "SpannedSegment":
+        """Span a series, which takes as long as a step of a fit."""
+        count = len(part.series)
+        drift = drift_basis(count, 1 + int(2 * count / part.rate_hz * part.drift_hz))
+        space = signal_subspace(part.series - drift @ (drift.T @ part.series))
+        return cls(part, drift, space)
+
+    @property
+    def duration_s(self) -> float:
+        """Of the series [s]."""
+        return len(self.part.series) / self.part.rate_hz
+
+
+def explained_early(spanned: SpannedSegment, candidate: PeakCandidate) -> float:
+    """Share of the power that decays explain after a few steps of their fit [1].
+
+    Parameters
+    ----------
+    spanned
+        Series reduced to one mode.
+    candidate
+        Detected peak, with the band that belongs to it [Hz].
+    """
+    part = spanned.part
+    poles = matrix_pencil(spanned.space, part.rate_hz, MOST_MODES)
+    poles = _started(poles, part, candidate)
+    fit = fit_decays(part.series, part.rate_hz, poles, spanned.drift, steps=EARLY)
+    which = index_of_candidate(fit, spanned.duration_s, candidate, part.shift_hz)
+    return mode_of_fit(
+        fit, which or 0, part.rate_hz, part.start_s, part.band_hz, part.shift_hz
+    ).explained
+
+
+def fit_spanned(spanned: SpannedSegment, candidate: PeakCandidate) -> SegmentFit:
+    """Fit decays as `fit_segment` does.
+
+    Parameters
+    ----------
+    spanned
+        Series reduced to one mode.
+    candidate
+        Detected peak, with the band that belongs to it [Hz].
+
+    Returns
+    -------
+    Mode of the candidate, flagged `strayed` if none is near it.
+    """
+    part, drift, space = spanned.part, spanned.drift, spanned.space
     fit, worth = _with_modes(1, part, candidate, space, drift)
     for order in range(2, MOST_MODES + 1):
         more, gained = _with_modes(order, part, candidate, space, drift)
         if gained >= worth:
             break
         fit, worth = more, gained
-    which = index_of_candidate(fit, duration, candidate, part.shift_hz)
+    which = index_of_candidate(fit, spanned.duration_s, candidate, part.shift_hz)
     told = mode_of_fit(fit, which or 0, part.rate_hz, part.start_s, part.band_hz, part.shift_hz)
     if which is None:
         return dataclasses.replace(told, identified=_strayed(told.identified))

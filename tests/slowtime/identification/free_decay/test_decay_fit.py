@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from slowtime.identification.free_decay.decay_fit import (
+    _waves,
     drift_basis,
     fit_decays,
     matrix_pencil,
@@ -67,3 +68,11 @@ def test_no_step_leaves_the_amplitudes_alone_to_be_solved():
 def test_drift_columns_are_orthonormal():
     basis = drift_basis(300, 7)
     np.testing.assert_allclose(basis.T @ basis, np.eye(7), atol=1e-12)
+
+
+@pytest.mark.parametrize("count", [1, 31, 32, 33, 1000])
+def test_exponentials_by_blocks_are_those_of_each_time(count):
+    times = np.arange(count) / 37.0
+    poles = np.array([-0.4 + 20j, 0.02 + 3j])
+    exact = np.exp(np.multiply.outer(times, poles))
+    assert _waves(times, poles) == pytest.approx(exact, rel=1e-13)
