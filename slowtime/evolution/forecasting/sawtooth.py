@@ -4,10 +4,7 @@ Beside trend, Matérn process and smooth wave stands a sawtooth of the same peri
 lie between readings, so that what is known of period and edge is a set of places, not a peak.
 """
 
-import functools
-import inspect
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -130,7 +127,11 @@ def _left_by(
     period: float,
     edges: Float[np.ndarray, " edge"],
 ) -> Float[np.ndarray, " edge"]:
-    """Squares that a sawtooth with each edge leaves beside a parabola and two harmonics."""
+    """Squares that a sawtooth with each edge leaves beside a parabola and two harmonics.
+
+    At the phase p of a reading and e of an edge, in rounds, a tooth is p - e, and one more
+    where p < e: sums over all readings are polynomials of e, and sums over those before it.
+    """
     phase = 2.0 * np.pi * time / period
     unit = (time - time[0]) / (time[-1] - time[0])
     smooth = np.column_stack(
@@ -138,9 +139,30 @@ def _left_by(
     )
     base, _ = np.linalg.qr(smooth * weight[:, None])
     left = value * weight - base @ (base.T @ (value * weight))
-    size, along = np.zeros(len(edges)), np.zeros(len(edges))
-    _kernel()(time, weight, left, np.ascontiguousarray(base), period, edges, size, along)
-    return np.asarray(left @ left - along**2 / np.maximum(size, 1e-300))
+    rounds, places = _fraction((time - time[0]) / period), _fraction((edges - time[0]) / period)
+    order = np.argsort(rounds, kind="stable")
+    before = np.searchsorted(rounds[order], places)
+    columns = np.column_stack([weight**2, left * weight, base * weight[:, None]])
+    along = columns * rounds[:, None]
+    summed = along.sum(axis=0) - places[:, None] * columns.sum(axis=0)
+    products = summed + _cumulated(columns[order])[before]
+    squares = (
+        float(along[:, 0] @ rounds)
+        - places * (along[:, 0].sum() + summed[:, 0])
+        + 2.0 * _cumulated(along[order, :1])[before, 0]
+        + (1.0 - 2.0 * places) * _cumulated(columns[order, :1])[before, 0]
+    )
+    size = squares - np.sum(products[:, 2:] ** 2, axis=1)
+    return np.asarray(left @ left - products[:, 1] ** 2 / np.maximum(size, 1e-300))
+
+
+def _fraction(rounds: np.ndarray) -> np.ndarray:
+    return np.asarray(rounds - np.floor(rounds))
+
+
+def _cumulated(columns: np.ndarray) -> np.ndarray:
+    """Sums of none, of the first, of the first two rows, and so on."""
+    return np.concatenate([np.zeros((1, columns.shape[1])), np.cumsum(columns, axis=0)])
 
 
 def members(
@@ -241,34 +263,6 @@ def learn_teeth(
     family = _paired(base, learnt, where, np.exp(logs - together))
     even = np.full(_PAIRS, 1.0 / _PAIRS)
     return Repeating(family, even, learnt.log_evidence + together - here)
-
-
-def _saw_loop(time, weight, left, base, period, edges, size, along):  # type: ignore[no-untyped-def]
-    """Square of each sawtooth beside the base, and its product with what the base leaves."""
-    inside = np.zeros(base.shape[1])
-    for e in range(len(edges)):
-        inside[:] = 0.0
-        square, product = 0.0, 0.0
-        for i in range(len(time)):
-            since = (time[i] - edges[e]) / period
-            saw = (since - np.floor(since)) * weight[i]
-            square += saw * saw
-            product += saw * left[i]
-            for b in range(base.shape[1]):
-                inside[b] += saw * base[i, b]
-        for b in range(base.shape[1]):
-            square -= inside[b] * inside[b]
-        size[e] = square
-        along[e] = product
-
-
-@functools.cache
-def _kernel() -> Callable[..., Any]:
-    """Compile the loop at its first call, so that an import costs nothing."""
-    import numba
-
-    compiled: Callable[..., Any] = numba.njit(cache=True, nogil=True)(inspect.unwrap(_saw_loop))
-    return compiled
 
 
 def _log_prior(
