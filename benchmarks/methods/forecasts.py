@@ -31,6 +31,7 @@ from twin_server.registration.twin import Registration
 from twin_server.settings import TwinSettings
 
 READINGS, JUMPS = 400, (0, 2, 5, 10, 20)
+LONG_READINGS, LONG_JUMPS = 4_000, (0, 5, 20)
 COST_OF_JUMPS = 3.0
 """Learning with 20 jumps over learning with none, at most."""
 
@@ -48,16 +49,18 @@ EVERY = 4
 ORIGIN_NS = 1_767_225_600_000_000_000
 
 
-def with_jumps(count: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def with_jumps(
+    count: int, seed: int, readings: int = READINGS
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Make a drifting history with jumps at random: times, readings, their sds, jumps."""
     rng = np.random.default_rng([41, seed, count])
-    time, sd = np.arange(float(READINGS)), 0.01
+    time, sd = np.arange(float(readings)), 0.01
     gaps = rng.exponential(size=count + 1)
-    room = READINGS - 8 * (count + 1)
+    room = readings - 8 * (count + 1)
     at = np.cumsum(8 + room * gaps / gaps.sum())[:count].astype(int)
     sizes = rng.choice([-1.0, 1.0], count) * rng.uniform(5.0, 9.0, count) * sd
     truth = -1e-4 * time + (sizes * (time[:, None] >= at)).sum(axis=1)
-    return time, truth + sd * rng.standard_normal(READINGS), np.full(READINGS, sd), at
+    return time, truth + sd * rng.standard_normal(readings), np.full(readings, sd), at
 
 
 def jumps(seeds: int) -> bool:
@@ -87,6 +90,25 @@ def jumps(seeds: int) -> bool:
     ratio = costs[20] / costs[0]
     print(f"  20 over none              {ratio:6.2f}      (held to {COST_OF_JUMPS})")
     return passed and ratio <= COST_OF_JUMPS
+
+
+def long_histories() -> None:
+    """Print what learning from a long history costs with jumps, over learning without."""
+    forecast.fit(*with_jumps(LONG_JUMPS[-1], 99, LONG_READINGS)[:3])
+    print(f"Learning from {LONG_READINGS} readings, processor time")
+    plain = None
+    for count in LONG_JUMPS:
+        spent = []
+        for seed in range(3):
+            history = with_jumps(count, seed, LONG_READINGS)[:3]
+            begun = time.process_time()
+            forecast.fit(*history)
+            spent.append(time.process_time() - begun)
+        plain = plain or statistics.median(spent)
+        ratio = statistics.median(spent) / plain
+        print(
+            f"  {count:2d} jumps  {statistics.median(spent):8.2f} s   x {ratio:6.2f}   aim 2.0"
+        )
 
 
 def message(asset: str, sequence: int) -> bytes:
@@ -257,6 +279,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--quick", action="store_true", help="fewer histories and readings")
     asked = parser.parse_args(arguments)
     passed = jumps(5 if asked.quick else 20)
+    long_histories()
     passed &= requests(LENGTHS[:2] if asked.quick else LENGTHS)
     passed &= bands(16 if asked.quick else 80)
     return 0 if passed else 1

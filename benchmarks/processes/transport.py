@@ -28,9 +28,12 @@ from slowtime_schemas.streams import ACK, FEATURES
 from slowtime_services.bus import Bus, Inbox, MemoryBus, Sample, ZenohBus
 from slowtime_services.feature_runs import run_and_sequence
 from slowtime_services.record import Recorder, RecordingWriter
+from slowtime_services.record.recovery import repack
 from slowtime_services.replay import read_recording, replay
 
 COUNT = 20_000
+SLOW = 3_000
+"""Messages of the recording that is flushed at each of them [1]."""
 KEY = FEATURES.key("lab", "beam")
 
 
@@ -157,6 +160,43 @@ def compare_reading(path: Path) -> None:
     say("read_recording / mcap reader", ours, bare, "0.50")
     say("replay onto a bus nobody hears / mcap reader", with_replay, bare, "0.50")
     say("read_recording and decode / mcap reader", with_decoding, bare)
+
+
+def compare_chunks(payloads: list[bytes], folder: Path) -> None:
+    """Set a recording flushed at each message, live and closed, beside one of large chunks."""
+
+    def read(path: Path) -> None:
+        for _ in read_recording(path):
+            pass
+
+    whole, slow = write(folder / "whole.mcap", payloads), folder / "slow.mcap"
+    with RecordingWriter(slow) as writer:
+        for i, payload in enumerate(payloads):
+            writer.write(FEATURES, "lab", "beam", payload, i * 10**9, i * 10**9)
+            writer.flush()
+    for state in ("live", "closed"):
+        if state == "closed":
+            repack(slow)
+        spent = [1e6 * took / len(payloads) for took in processor_seconds(slow, whole, read)]
+        size = [path.stat().st_size / len(payloads) for path in (slow, whole)]
+        print(
+            f"a slow feature of a {state} recording: {size[0]:.0f} bytes, {spent[0]:.1f} us; in "
+            f"large chunks {size[1]:.0f} bytes, {spent[1]:.1f} us: ratios "
+            f"{size[0] / size[1]:.2f}, {spent[0] / spent[1]:.2f}, aim closed 1.50"
+        )
+
+
+def processor_seconds(
+    one: Path, other: Path, read: Callable[[Path], None]
+) -> tuple[float, float]:
+    """Least processor time of reading each of two files, in turn [s]."""
+    times: dict[Path, list[float]] = {one: [], other: []}
+    for _ in range(3):
+        for path, kept in times.items():
+            began = time.process_time()
+            read(path)
+            kept.append(time.process_time() - began)
+    return min(times[one]), min(times[other])
 
 
 def compare_replay(path: Path, endpoint: str) -> None:
@@ -366,6 +406,7 @@ def main() -> None:
     compare_decoding(payloads)
     with tempfile.TemporaryDirectory() as folder, ZenohBus("router", listen=[endpoint]):
         compare_writing(payloads, Path(folder))
+        compare_chunks(payloads[:SLOW], Path(folder))
         path = write(Path(folder) / "features.mcap", payloads)
         compare_reading(path)
         compare_replay(path, endpoint)

@@ -26,5 +26,6 @@ Examples:
 def recover(**_given: object) -> None:
     """Repair a truncated or damaged recording.
 
-    All readable messages are kept and indexed; any MCAP reader can open the result.
+    All readable messages are kept and indexed; any MCAP reader can open the result. Of a sound
+    recording the many small chunks are joined, which makes those of slow readings smaller.
     """
