@@ -180,8 +180,8 @@ def compare_chunks(payloads: list[bytes], folder: Path) -> None:
         spent = [1e6 * took / len(payloads) for took in processor_seconds(slow, whole, read)]
         size = [path.stat().st_size / len(payloads) for path in (slow, whole)]
         print(
-            f"a slow feature of a {state} recording: {size[0]:.0f} bytes, {spent[0]:.1f} us; in "
-            f"large chunks {size[1]:.0f} bytes, {spent[1]:.1f} us: ratios "
+            f"a slow feature of a {state} recording: {size[0]:.0f} bytes, {spent[0]:.1f} us; "
+            f"in large chunks {size[1]:.0f} bytes, {spent[1]:.1f} us: ratios "
             f"{size[0] / size[1]:.2f}, {spent[0] / spent[1]:.2f}, aim closed 1.50"
         )
 

@@ -161,7 +161,7 @@ def _fraction(rounds: np.ndarray) -> np.ndarray:
 
 
 def _cumulated(columns: np.ndarray) -> np.ndarray:
-    """Sums of none, of the first, of the first two rows, and so on."""
+    """Return sums of none, of the first, of the first two rows, and so on."""
     return np.concatenate([np.zeros((1, columns.shape[1])), np.cumsum(columns, axis=0)])
 
 
