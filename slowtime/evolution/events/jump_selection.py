@@ -224,11 +224,7 @@ def select_jumps(
     -------
     Places of the jumps, and the log-likelihood with them.
     """
-    passes = Passes(family, scored.time)
-
-    def look(value: Usable, places: Places) -> Interventions:
-        return passes.interventions(value, scored.sd, jumps=scored.jumps(places))
-
+    look = _Looks(scored, Passes(family, scored.time))
     here = _separate_places(sorted(set(places)))
     value, tried = scored.value, {here}
     for _ in range(_ROUNDS):
@@ -244,6 +240,25 @@ def select_jumps(
         here = there
     found = look(scored.value, here)
     return here, float(np.logaddexp.reduce(log_weights + found.log_likelihood))
+
+
+@dataclasses.dataclass(slots=True, eq=False)
+class _Looks:
+    """Scores of shifts given some jumps; the latest are kept, as rounds ask for them again."""
+
+    scored: ScoredHistory
+    passes: Passes
+    kept: list[tuple[Usable, Places, Interventions]] = dataclasses.field(default_factory=list)
+
+    def __call__(self, value: Usable, places: Places) -> Interventions:
+        for before, given, found in self.kept:
+            if given == places and np.array_equal(before, value, equal_nan=True):
+                return found
+        found = self.passes.interventions(
+            value, self.scored.sd, jumps=self.scored.jumps(places)
+        )
+        self.kept = [*self.kept[-1:], (value, places, found)]
+        return found
 
 
 def _share(found: Interventions, log_weights: np.ndarray) -> np.ndarray:

@@ -86,6 +86,25 @@ def test_what_does_not_jump_has_no_jumps(name, tails):
     assert told == 0
 
 
+def test_no_shift_is_scored_twice_with_the_same_readings_and_jumps(monkeypatch):
+    asked = []
+    complete = jump_selection.Passes.interventions
+
+    def noted(self, value, sd, *, jumps=()):
+        asked.append((id(self), np.asarray(value).tobytes(), tuple(jumps)))
+        return complete(self, value, sd, jumps=jumps)
+
+    monkeypatch.setattr(jump_selection.Passes, "interventions", noted)
+    time, rng = np.arange(200.0), np.random.default_rng(4)
+    value = 0.08 * (time > 90) - 0.07 * (time > 140) + 0.01 * rng.standard_normal(200)
+    found = forecast.fit(time, value, np.full(200, 0.01))
+    assert [since for since, _ in found.jumps] == [90.0, 140.0]
+    # The number of a pass may be given again once it is gone: neighbours are compared.
+    latest = [asked[max(k - 2, 0) : k] for k in range(len(asked))]
+    assert len(asked) > 10
+    assert not any(one in before for one, before in zip(asked, latest, strict=True))
+
+
 def test_outliers_are_no_jumps():
     value, _, _ = history(5, 0)
     value[[60, 61, 200, 330]] += [0.1, 0.12, -0.2, 0.15]
