@@ -55,9 +55,9 @@ PLAN_EXAMPLE: dict[str, Any] = {
         "now_probability": 0.0,
         "lead_time": 0.5,
         "sentence": "Last safe day to order a repair: in 2.1 years (2028-12-28) (90 % "
-        "interval: 2 years to 2.3 years), to be done in 2.6 years (2029-06-28). A failure "
-        "before the repair takes effect then has the probability 2 %. The accepted "
-        "probability is 2 %.",
+        "interval: 2 years to 2.3 years), to be done in 2.6 years (2029-06-28). If the repair "
+        "is ordered on that day, a failure before it takes effect has the probability 2 %. The "
+        "accepted probability is 2 %, from the last reading until a repair takes effect.",
     },
     "changes": [
         "“repair now” is better if a failure costs more than 2,100,000 EUR (given: 900,000 "

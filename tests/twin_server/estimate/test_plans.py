@@ -158,7 +158,12 @@ def test_the_last_safe_day_is_stated_with_its_limit_and_where_that_is_from():
     at = datetime.datetime.fromtimestamp(made.last_order.order * 31557600.0, datetime.UTC)
     assert told.startswith("Last safe day to order a repair: in ")
     assert f"({at:%Y-%m-%d})" in told
-    assert told.endswith("The accepted probability is 5 %.")
+    assert "If the repair is ordered on that day, a failure before it takes effect has" in told
+    assert told.endswith(
+        "The accepted probability is 5 %, from the last reading until a repair takes effect."
+    )
+    _, at_once, _ = ordering(0.05, lead=0.0)
+    assert "If the repair is done on that day, a failure before it takes effect" in at_once
     _, by_cost, _ = ordering(None)
     assert by_cost.endswith("costs more, by the costs that are registered.")
 

@@ -192,7 +192,10 @@ def last_order_sentence(plan: Plan, when: TimeWording) -> str:
         limit = "An order after it costs more, by the costs that are registered."
         none = f"no repair on a fixed date costs less than running to failure{_but(plan, when)}"
     else:
-        limit = f"The accepted probability is {probability_in_words(last.limit)}."
+        limit = (
+            f"The accepted probability is {probability_in_words(last.limit)}, from the last "
+            "reading until a repair takes effect."
+        )
         none = f"the accepted probability is {probability_in_words(last.limit)}"
     if last.order == math.inf:
         horizon = when.moment(plan.futures.horizon)
@@ -207,10 +210,11 @@ def last_order_sentence(plan: Plan, when: TimeWording) -> str:
         early, late = (when.span(max(end, 0.0)) for end in (last.low, last.high))
         spread = f" (90 % interval: {early} to {late})" if early != late else ""
     done = f", to be done in {when.moment(last.effect)}" if when.ahead else ""
+    act, acted = ("order a repair", "ordered") if when.ahead else ("repair", "done")
     return (
-        f"Last safe day to {'order a repair' if when.ahead else 'repair'}: in "
-        f"{when.moment(last.order)}{spread}{done}. A failure before the repair takes effect "
-        f"then has the probability {chance}. {limit}"
+        f"Last safe day to {act}: in {when.moment(last.order)}{spread}{done}. If the repair is "
+        f"{acted} on that day, a failure before it takes effect has the probability {chance}. "
+        f"{limit}"
     )
 
 
