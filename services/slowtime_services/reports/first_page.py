@@ -130,6 +130,8 @@ class FirstPage:
         What to do, the most urgent first.
     alternatives
         Answers that fit about as well.
+    weighed
+        What the alternatives would change, or what speaks against them; empty for nothing.
     facts
         Labels of the catalogue, such as `facts.rate`, and their values.
     place
@@ -145,6 +147,7 @@ class FirstPage:
     measured: str
     definition: str = ""
     alternatives: Sequence[Alternative] = ()
+    weighed: str = ""
     improvement: Improvement | None = None
     facts: Sequence[tuple[str, str]] = ()
     sketch: Sketch | None = None
@@ -266,6 +269,8 @@ def _alternatives(page: FirstPage, words: Words) -> Iterator[str]:
         yield "</ul>"
     else:
         yield f"<p>{_escaped(words(f'no_alternatives.{page.kind}'))}</p>"
+    if page.weighed:
+        yield f'<p class="weighed">{_whole(page.weighed)}</p>'
     yield "</aside>"
 
 

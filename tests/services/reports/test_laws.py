@@ -5,11 +5,12 @@ import copy
 import dataclasses
 import html
 import json
+import math
 import re
 
 import pytest
 
-from slowtime.reliability import Problem, Result, estimate, marginal
+from slowtime.reliability import METHODS, Problem, Result, estimate, marginal
 from slowtime_schemas.files.diagnosis import SearchEnd
 from slowtime_services.diagnose import document_of, write_report
 from slowtime_services.diagnose.first_pages import diagnosis_page
@@ -188,13 +189,13 @@ def test_a_report_on_reliability_says_what_failure_means_and_of_which_time():
 
     full = page(failure="the beam breaks", period="50 years", accepted=1e-3)
     assert full.definition == (
-        "Failure means: the beam breaks (g ≤ 0). The probability is that of 50 years."
+        "Failure means: the beam breaks. The probability is that of 50 years."
     )
     ratio = found[0].probability / 1e-3
     assert found[0].interval is not None
     least = found[0].interval[0] / 1e-3
     assert full.answer.endswith(
-        f"The probability is {ratio:.2g} times the accepted 0.001, and at least {least:.3g} "
+        f"That is too high: {ratio:.2g} times the accepted 0.001, and at least {least:.3g} "
         "times it (95 %)."
     )
     assert full.actions[0].startswith("Act: strengthen")
@@ -202,11 +203,17 @@ def test_a_report_on_reliability_says_what_failure_means_and_of_which_time():
     assert "The file states no period" in bare.definition
     assert bare.actions[-1].startswith("State in the file what fails")
     assert bare.answer.endswith(
-        "No accepted probability is given (key accepted): the report cannot judge."
+        "Whether that is too high is open: the file states no accepted probability (key "
+        "accepted)."
     )
+    # Without a verdict, what others accept is something to compare with.
+    usual = 0.5 * math.erfc(3.8 / math.sqrt(2.0))
+    assert "aims at 7.2·10⁻⁵ (about 1 in 14,000)" in bare.actions[0]
+    ratio = Words().number(found[0].probability / usual, 2)
+    assert f"The probability found here is {ratio} times that" in bare.actions[0]
     kept = page(accepted=4 * found[0].probability)
     assert kept.actions[0].startswith("Nothing to do now")
-    assert "The probability is about a quarter of the accepted 0.06" in kept.answer
+    assert "That is acceptable: about a quarter of the accepted 0.06" in kept.answer
     assert "and at most 2" in kept.answer
 
 
@@ -233,6 +240,40 @@ def test_methods_that_disagree_never_stand_under_high_confidence(others, level):
     page = reliability_page("b.yaml", problem, found, Words(), seed=1)
     assert page.confidence.level == level
     assert ("form gives" in page.confidence.number) == (level == "medium")
+
+
+@pytest.mark.parametrize(
+    ("accepted", "others", "said"),
+    [
+        (1e-3, [2e-3, 3e-3], "The answer is the same by all of these: too high."),
+        (1e-2, [2e-3, 3e-3], "The answer is the same by all of these: acceptable."),
+        (1.81e-3, [2e-3, 3e-3], "By all of these it is too high."),
+        (1e-3, [2e-4, 3e-4], "By all of these it is acceptable."),
+        (1e-3, [2e-3, 3e-4], "on the method: too high by other 0, acceptable by other 1."),
+        (None, [2e-3, 3e-3], "All methods give 0.00181 to 0.003: which one is asked changes "
+                             "the answer by a factor of up to 1.7."),
+        (None, [0.0], "All methods give 0 to 0.00181: which one is asked changes the answer "
+                      "by a factor of up to ∞."),
+        (1e-3, [], ""),
+    ],
+)  # fmt: skip
+def test_a_report_on_reliability_says_what_the_other_methods_would_change(
+    accepted, others, said
+):
+    problem = Problem({"x": marginal("normal", mean=5.0, sd=1.0)}, lambda x: x[:, 0])
+    found = [result_of("importance", 1.81e-3)]
+    found += [result_of(f"other {k}", p, None) for k, p in enumerate(others)]
+    stated = Stated(accepted=accepted)
+    page = reliability_page("b.yaml", problem, found, Words(), seed=1, stated=stated)
+    assert said in page.weighed
+    assert bool(said) == bool(page.weighed)
+    within = "No other method lies within this interval" in page.confidence.number
+    assert within == bool(others)
+
+
+def test_every_method_has_a_name_in_reports_of_both_languages():
+    for language in LANGUAGES:
+        assert Words(language).group("method").keys() == METHODS.keys()
 
 
 def undecided_pages(words):

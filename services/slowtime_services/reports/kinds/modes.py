@@ -1,12 +1,14 @@
 """The first page of a report on modes of vibration."""
 
+import itertools
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from slowtime.identification.automatic.modal_result import ModalResult
 from slowtime.identification.estimates import Measured
+from slowtime.identification.mode_shapes.criteria import mac
 from slowtime.identification.modes import Mode
 from slowtime_services.reports.first_page import (
     Alternative,
@@ -111,10 +113,11 @@ def modes_page(
         subject=subject,
         question=words("modes.question", name=subject),
         measured=measured_on([(start_ns, duration_s)], words),
-        answer=_answer(clean, doubts, words),
+        answer=" ".join(_answer(clean, doubts, sound, words)),
         confidence=confidence,
         actions=list(_actions(modes, clean, sound, words)),
         alternatives=list(_alternatives(result, doubts, words)),
+        weighed=" ".join(_weighed(result, clean, words, ambient=rate_hz is not None)),
         definition=_definition(modes, clean, compared, words),
         facts=facts,
         sketch=sketch,
@@ -140,10 +143,40 @@ def _estimate(mode: Mode, words: Words) -> dict[str, str]:
     return found | {"damping": words("modes.undamped")}
 
 
-def _answer(clean: Sequence[Mode], doubts: Sequence[Sequence[Doubt]], words: Words) -> str:
-    """Count the modes that can be used, then those that are doubtful and why."""
+def _answer(
+    clean: Sequence[Mode],
+    doubts: Sequence[Sequence[Doubt]],
+    compared: Sequence[Compared],
+    words: Words,
+) -> Iterator[str]:
+    """Count the modes, then say whether a model, or nothing, is beside them."""
     if not doubts:
-        return words("modes.none")
+        yield words("modes.none")
+        return
+    yield _count(clean, doubts, words)
+    if compared:
+        worst = _worst(compared)
+        hz, share = words.number(worst.frequency_hz.value, 4), words.percent(worst.share, 2)
+        yield words(f"modes.verdict_{_verdict(worst)}", hz=hz, share=share)
+    elif clean:
+        yield words("modes.verdict_alone")
+
+
+def _worst(compared: Sequence[Compared]) -> Compared:
+    """Pick the mode that speaks most against a model: by its frequency, else by its shape."""
+    apart = max(compared, key=lambda one: (not one.same, one.share))
+    unlike = [one for one in compared if one.mac is not None and one.mac < ALIKE]
+    return min(unlike, key=lambda one: one.mac or 0.0) if apart.same and unlike else apart
+
+
+def _verdict(worst: Compared) -> Literal["refit", "shapes", "keep"]:
+    if not worst.same:
+        return "refit"
+    return "shapes" if worst.mac is not None and worst.mac < ALIKE else "keep"
+
+
+def _count(clean: Sequence[Mode], doubts: Sequence[Sequence[Doubt]], words: Words) -> str:
+    """Count the modes that can be used, then those that are doubtful and why."""
     if len(clean) == 1:
         said = words("modes.one", **_estimate(clean[0], words))
     elif clean:
@@ -179,16 +212,13 @@ def _actions(
 
 def _model_action(compared: Sequence[Compared], words: Words) -> str:
     """Decide whether a model is kept, by the differences of its frequencies and shapes."""
-    worst = max(compared, key=lambda one: (not one.same, one.share))
-    share = words.percent(worst.share, 2)
-    hz = words.number(worst.frequency_hz.value, 4)
-    if not worst.same:
-        return words("modes.do_refit", hz=hz, share=share, sds=words.number(worst.sds, 2))
-    unlike = [one for one in compared if one.mac is not None and one.mac < ALIKE]
-    if unlike:
-        least = min(unlike, key=lambda one: one.mac or 0.0)
-        hz = words.number(least.frequency_hz.value, 4)
-        return words("modes.do_shapes", hz=hz, mac=words.number(least.mac or 0.0, 2))
+    worst = _worst(compared)
+    share, hz = words.percent(worst.share, 2), words.number(worst.frequency_hz.value, 4)
+    match _verdict(worst):
+        case "refit":
+            return words("modes.do_refit", hz=hz, share=share, sds=words.number(worst.sds, 2))
+        case "shapes":
+            return words("modes.do_shapes", hz=hz, mac=words.number(worst.mac or 0.0, 2))
     sds = max(one.sds for one in compared)
     if sds <= SAME_SDS:
         return words("modes.do_keep", share=share, sds=words.number(sds, 2))
@@ -236,3 +266,25 @@ def _alternatives(
             yield Alternative(hz, ", ".join(told[:MOST_DOUBTS]))
     if lines:
         yield Alternative(_listed(lines, words), words("modes.machine"))
+
+
+def _weighed(
+    result: ModalResult, clean: Sequence[Mode], words: Words, *, ambient: bool
+) -> Iterator[str]:
+    """Say what speaks against other readings of the usable modes."""
+    if not clean:
+        return
+    # Lines of machines are told from modes in ambient records alone.
+    if ambient and len(result.structural) == len(result.modes):
+        yield words("modes.weighed_lines")
+    if len(clean) > 1 and len(clean[0].shape) > 1:
+        pairs = itertools.combinations(clean, 2)
+        first, second = max(pairs, key=lambda pair: mac(pair[0].shape, pair[1].shape))
+        a, b = (words.number(one.frequency_hz.value, 4) for one in (first, second))
+        alike = words.localised(f"{mac(first.shape, second.shape):.2f}")
+        yield words("modes.weighed_shapes", a=a, b=b, mac=alike)
+    # Without models of rising order, quality means something else.
+    if len(result.stabilisation.order):
+        least = min(clean, key=lambda one: one.quality)
+        hz = words.number(least.frequency_hz.value, 4)
+        yield words("modes.weighed_seen", hz=hz, share=words.percent(least.quality, 2))

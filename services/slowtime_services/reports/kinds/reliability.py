@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from statistics import NormalDist
 
 from slowtime.reliability import Conditional, DesignPoint, Problem, Result, System
 from slowtime_services.problem_files.expressions import Expression
@@ -42,6 +43,10 @@ MOST_POINTS = 5
 
 MOST_NAMED = 12
 """Inputs that a first page names [1]: two lines."""
+
+BETA_OF_COLLAPSE = 3.8
+"""Reliability index [1] of the collapse of an ordinary building within 50 years (class RC2).
+Source: EN 1990:2002, table B.2."""
 
 LEAST_SHARE = 0.1
 """Share of the variance [1] from which an input is worth learning more of. Source: without one
@@ -92,13 +97,8 @@ def reliability_page(
     best = _best(found)
     others = [one for one in found if one is not best]
     subject = subject_of(stated.name, name, words)
-    beta = words.number(best.beta, 4)
-    p = _probability(best.probability, words)
-    if best.interval is None:
-        answer = words("reliability.approximate", p=p, beta=beta)
-    else:
-        lo, hi = (words.number(end) for end in best.interval)
-        answer = words("reliability.answer", p=p, lo=lo, hi=hi, beta=beta)
+    key = "reliability.approximate" if best.interval is None else "reliability.answer"
+    answer = words(key, p=_probability(best.probability, words))
     answer += " " + _verdict_in_words(best, stated, words)
     return FirstPage(
         kind="reliability",
@@ -110,21 +110,30 @@ def reliability_page(
         confidence=_confidence(best, others, _verdict(best, stated), words),
         actions=list(_actions(best, found, problem, stated, words)),
         alternatives=[_alternative(one, words) for one in others],
+        weighed=_weighed(best, others, stated, words),
         facts=[
             (words("facts.data"), name),
             (words("facts.inputs"), _named(problem, stated)),
-            (words("facts.method"), best.method),
+            (words("facts.method"), _method(best, words)),
+            (words("facts.beta"), words.number(best.beta, 4)),
             (words("facts.calls"), str(best.calls)),
             (words("facts.seed"), str(seed)),
         ],
     )
 
 
-def _probability(p: float, words: Words) -> str:
+def _method(one: Result, words: Words) -> str:
+    """Write the name of a method in full, with the key by which it is asked for."""
+    name = words.known(f"method.{one.method}")
+    return f"{name} ({one.method})" if name else one.method
+
+
+def _probability(p: float, words: Words, digits: int = 3) -> str:
     """Write a probability as a number, and as one in how many."""
     if not 0.0 < p < 0.1:
-        return words.number(p)
-    return words("reliability.one_in", p=words.number(p), n=words.whole(1.0 / p))
+        return words.number(p, digits)
+    n = words.whole(1.0 / p, digits)
+    return words("reliability.one_in", p=words.number(p, digits), n=n)
 
 
 def _verdict(best: Result, stated: Stated) -> str:
@@ -190,7 +199,7 @@ def _definition(problem: Problem, stated: Stated, words: Words) -> str:
     if len(formula) > MOST_LETTERS:
         formula = f"{formula[:MOST_LETTERS].rsplit(' ', 1)[0]} …"
     if stated.failure:
-        failure = words("reliability.failure", failure=stated.failure, formula=formula)
+        failure = words("reliability.failure", failure=stated.failure)
     else:
         failure = words("reliability.failure_formula", formula=formula)
     if stated.period:
@@ -234,10 +243,10 @@ def _confidence(
         level = "medium"
     if best.warnings:
         level = "low"
-    told = words(
-        "reliability.confidence", cov=words.percent(cov, 2), agree=agree, n=len(others)
-    )
-    said = [told]
+    ends = {"lo": words.number(lo), "hi": words.number(hi)}
+    said = [words("reliability.confidence", cov=words.percent(cov, 2), **ends)]
+    if others and not agree:
+        said.append(words("reliability.none_within"))
     for one, ratio in apart:
         way = "less" if one.probability < best.probability else "more"
         times = "∞" if math.isinf(ratio) else words.number(ratio, 2)
@@ -261,11 +270,31 @@ def _apart(best: Result, other: Result) -> float:
 
 def _alternative(one: Result, words: Words) -> Alternative:
     p = words.number(one.probability)
-    name = words("reliability.other", method=one.method, p=p)
+    name = words("reliability.other", method=_method(one, words), p=p)
     if one.interval is None:
         return Alternative(name, words("reliability.other_none"))
     lo, hi = (words.number(end) for end in one.interval)
     return Alternative(name, words("reliability.other_interval", lo=lo, hi=hi))
+
+
+def _weighed(best: Result, others: Sequence[Result], stated: Stated, words: Words) -> str:
+    """Say what the answer would be by the other methods."""
+    if not others:
+        return ""
+    accepted = stated.accepted
+    if accepted is None:
+        every = [one.probability for one in (best, *others)]
+        lo, hi = min(every), max(every)
+        factor = words.number(hi / lo, 2) if lo > 0.0 else "∞"
+        ends = {"lo": words.number(lo), "hi": words.number(hi)}
+        return words("reliability.weighed", factor=factor, **ends)
+    above = [one.method for one in others if one.probability > accepted]
+    below = [one.method for one in others if one.probability <= accepted]
+    if not (above and below):
+        same = "exceeded" if above else "kept"
+        also = "_also" if _verdict(best, stated) == same else ""
+        return words(f"reliability.weighed_{same}{also}")
+    return words("reliability.weighed_mixed", above=", ".join(above), below=", ".join(below))
 
 
 def _actions(
@@ -280,7 +309,10 @@ def _actions(
     if best.interval is None:
         yield words("reliability.do_sample")
     if verdict == "unstated":
-        yield words("reliability.do_compare")
+        usual = NormalDist().cdf(-BETA_OF_COLLAPSE)
+        ratio = _bound(best.probability / usual, words, 2)
+        told = {"usual": _probability(usual, words, 2), "ratio": ratio}
+        yield words("reliability.do_compare", **told)
     point = next((one.design_points[0] for one in found if one.design_points), None)
     if point is not None:
         most = int(point.importance.argmax())
@@ -294,9 +326,10 @@ def _actions(
 
 def _picture(found: Sequence[Result], words: Words) -> Chart:
     p = [one.probability for one in found]
+    names = [words.known(f"method.{one.method}") or one.method for one in found]
     ends = [one.interval or (one.probability, one.probability) for one in found]
     trace = {
-        "type": "scatter", "mode": "markers", "x": p, "y": [one.method for one in found],
+        "type": "scatter", "mode": "markers", "x": p, "y": names,
         "marker": {"color": "#0b6fb8", "size": 10},
         "error_x": {
             "type": "data", "symmetric": False,
