@@ -273,11 +273,19 @@ def _solve(
         own = np.concatenate([own, shared], axis=-1)
     design = own / history.sd[:, None]
     target = (history.value + (1.0 if curve.fades else 0.0)) / history.sd - design @ mean
-    information = np.swapaxes(design, 1, 2) @ design + np.linalg.inv(covariance)
+    precision = np.linalg.inv(covariance)
+    information = np.swapaxes(design, 1, 2) @ design + precision
+    sign, log_determinant = np.linalg.slogdet(information)
+    # A shape that grows by so much that rounding leaves nothing of its prior has no likelihood.
+    sound = sign > 0.0
+    information[~sound] = precision
     score = (target[:, None, :] @ design)[:, 0]
     solved = np.linalg.solve(information, score[..., None])[..., 0]
-    determinant = np.linalg.slogdet(information)[1] + np.linalg.slogdet(covariance)[1]
-    square = np.sum(target**2, axis=1) - np.sum(score * solved, axis=1)
+    determinant = log_determinant + np.linalg.slogdet(covariance)[1]
+    # Not as the difference of two sums: of a shape far out, both are huge, and what rounding
+    # leaves of them may be below zero, a likelihood beyond all others.
+    left = target - np.einsum("ptc,pc->pt", design, solved)
+    square = np.sum(left**2, axis=1) + np.einsum("pi,ij,pj->p", solved, precision, solved)
     constant = np.log(2.0 * np.pi * history.sd**2).sum()
-    log_likelihood = -0.5 * (square + determinant + constant)
+    log_likelihood = np.where(sound, -0.5 * (square + determinant + constant), -np.inf)
     return _Solved(mean + solved, information, log_likelihood, square)

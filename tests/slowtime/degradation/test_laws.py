@@ -5,14 +5,15 @@ import pytest
 from scipy import stats
 
 from slowtime import degradation
-from slowtime.degradation import CurveLaw, FleetPrior, KnownChange, pooled
-from slowtime.degradation.curve_posterior import NOMINAL_SD
+from slowtime.degradation import STANDARD, CurveLaw, FleetPrior, KnownChange, pooled
+from slowtime.degradation.curve_posterior import NOMINAL_SD, _solve, coefficient_prior
 from slowtime.degradation.curves import (
     FADE,
     LINEAR,
     POWER,
     RUNAWAY,
     Curve,
+    columns,
     crack,
     edge_flexibility,
 )
@@ -272,3 +273,29 @@ def test_former_names_work_and_warn(former, name):
     with pytest.warns(DeprecationWarning, match=name):
         assert getattr(degradation, former) is getattr(degradation, name)
     assert not hasattr(degradation, former + "s")
+
+
+@pytest.mark.parametrize("law", [one for one in STANDARD if isinstance(one, CurveLaw)])
+def test_no_shape_however_far_out_is_likelier_than_a_perfect_fit(law):
+    """A shape in the tails of a proposal grows by many orders of magnitude in a history."""
+    rng = np.random.default_rng(3)
+    time = np.arange(60.0)
+    sd = np.full(60, 0.003)
+    value = -0.1 + 0.01 * np.cumsum(rng.standard_normal(60))
+    history = history_of(time, value, sd)
+    size = len(law.curve.names)
+    points = rng.standard_normal((200, size)) * np.linspace(1.0, 12.0, 200)[:, None]
+    if law.curve.broken is not None:
+        points = rng.random((200, 1))
+    prior = coefficient_prior(law.curve, history, None)
+    with np.errstate(all="ignore"):
+        solved = _solve(law.curve, history, points, *prior)
+    best = -0.5 * np.log(2.0 * np.pi * history.sd**2).sum()
+    assert not np.any(solved.log_likelihood > best)
+    # Near the middle it is the density of the readings with the coefficients integrated out.
+    near = points[:1]
+    design = columns(law.curve, near, history.age(history.time))[0]
+    spread = design @ prior[1] @ design.T + np.diag(history.sd**2)
+    target = history.value + (1.0 if law.curve.fades else 0.0)
+    dense = stats.multivariate_normal(design @ prior[0], spread).logpdf(target)
+    assert solved.log_likelihood[0] == pytest.approx(dense, rel=1e-6, abs=1e-3)
