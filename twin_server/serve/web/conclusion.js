@@ -36,7 +36,7 @@ function kindsOf(state, events) {
   const kinds = [...new Set(conclusionOf(state).findings.map(({ kind }) => kind))];
   return kinds.map((kind) => {
     if (kind === "limit_passed") return [kind, limitsPassed(state, events) || t(`finding.${kind}`)];
-    if (kind === "changed") return [kind, state.suspects.map((word) => t("fleet.has_changed", { element: suspected(word) })).join("; ")];
+    if (kind === "changed") return [kind, (state.suspects ?? []).map((word) => t("fleet.has_changed", { element: suspected(word) })).join("; ") || t(`finding.${kind}`)];
     return [kind, t(`finding.${kind}`)];
   });
 }
