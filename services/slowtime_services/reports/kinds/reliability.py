@@ -311,8 +311,8 @@ def _actions(
     if verdict == "unstated":
         usual = NormalDist().cdf(-BETA_OF_COLLAPSE)
         ratio = _bound(best.probability / usual, words, 2)
-        told = {"usual": _probability(usual, words, 2), "ratio": ratio}
-        yield words("reliability.do_compare", **told)
+        aim = _probability(usual, words, 2)
+        yield words("reliability.do_compare", usual=aim, ratio=ratio)
     point = next((one.design_points[0] for one in found if one.design_points), None)
     if point is not None:
         most = int(point.importance.argmax())
