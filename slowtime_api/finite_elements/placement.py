@@ -1,24 +1,33 @@
 """Positions of sensors that tell most about the parameters of a model."""
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
+from slowtime.evolution.assessment import (
+    AssessmentSettings,
+    DetectionLimit,
+    expected_modes,
+    plan_limits,
+)
 from slowtime.evolution.structures import (
     ModePrecision,
     PlacementProblem,
     ReducedStructure,
     place_sensors,
+    updatable_model,
 )
 from slowtime.finite_elements.degrees_of_freedom import DIRECTIONS, DofMap
 from slowtime.finite_elements.reduction import BasisSettings, reduce_modal
 from slowtime_api.plotting import Axes, new_figure, save
 from slowtime_api.results import Result
-from slowtime_services.argument_checks import Count, Positive, checked
+from slowtime_services.argument_checks import Count, Positive, Share, checked
+from slowtime_services.assessment import members_of
 from slowtime_services.matrices import MatrixFileError, MatrixModel
 
 from .matrix_models import Direction, FiniteElementModel
@@ -47,6 +56,9 @@ class PlacedSensors(Result):
         Standard deviation of the logarithm of each factor before and after the test [1].
     evenly_spread_sd
         The same after a test with as many evenly spread sensors [1].
+    limits, evenly_spread_limits
+        With the criterion ``"detection"``, the smallest loss of each member that ``assess``
+        will find with the chosen sensors, and with evenly spread ones; else empty.
     """
 
     sites: tuple[Candidate, ...]
@@ -54,6 +66,8 @@ class PlacedSensors(Result):
     prior_sd: Parameters
     posterior_sd: Parameters
     evenly_spread_sd: Parameters
+    limits: tuple[DetectionLimit, ...] = ()
+    evenly_spread_limits: tuple[DetectionLimit, ...] = ()
 
     @property
     def heading(self) -> str:
@@ -116,7 +130,9 @@ def place(
     keep: bool = False,
     frequency_sd: Positive = 0.002,
     shape_sd: Positive = 0.02,
-    criterion: Literal["determinant", "variance"] = "determinant",
+    criterion: Literal["determinant", "variance", "detection"] = "determinant",
+    power: Share = 0.9,
+    settings: AssessmentSettings | None = None,
 ) -> PlacedSensors:
     """Choose the sensor positions that are most informative about the parameters of a model.
 
@@ -140,11 +156,19 @@ def place(
         Standard deviation of a component of a shape, over its largest component [1].
     criterion
         ``"determinant"`` maximises the determinant of the information, ``"variance"``
-        minimises the mean variance.
+        minimises the mean variance, ``"detection"`` the largest of the losses of single
+        members that ``assess`` just finds between two measurements.
+    power
+        With ``"detection"``: probability with which the losses of `limits` are found, below
+        0.95 [1].
+    settings
+        With ``"detection"``: what is assumed of model, temperature, damage and false alarms
+        (``slowtime.evolution.assessment.AssessmentSettings``).
 
     Returns
     -------
-    Sites in the order of what they add, and the expected standard deviation of each parameter.
+    Sites in the order of what they add, and the expected standard deviation of each parameter;
+    with ``"detection"`` also the smallest loss of each member that will be found.
 
     Raises
     ------
@@ -181,19 +205,87 @@ def place(
         found, matrices.dofs, directions, together=together, keep=keep
     )
     count = min(modes, matrices.size)
-    settings = BasisSettings(modes=count, coordinates=min(max(100, 3 * count), matrices.size))
-    reduced = reduce_modal(matrices, settings, trials=0)
+    settings_of_basis = BasisSettings(
+        modes=count, coordinates=min(max(100, 3 * count), matrices.size)
+    )
+    reduced = reduce_modal(matrices, settings_of_basis, trials=0)
     precision = ModePrecision(modes=count, frequency_sd=frequency_sd, shape_sd=shape_sd)
     problem = PlacementProblem(
         ReducedStructure(model=reduced), rows, sites, precision, found.prior_sd
     )
-    best = place_sensors(problem, sensors, fixed=tuple(range(kept)), criterion=criterion)
-    even = problem.placement(_evenly(names, sensors, kept))
+    fixed, spread = tuple(range(kept)), _evenly(names, sensors, kept)
+    limits = None
+    if criterion == "detection":
+        limits = _DamagePlan(found, rows, sites, precision, power, settings)
+        best = limits.placed(sensors, fixed)
+    else:
+        best = place_sensors(problem, sensors, fixed=fixed, criterion=criterion).sites
+    after, even = problem.placement(best), problem.placement(spread)
     return PlacedSensors(
-        sites=tuple(names[site] for site in best.sites), parameters=tuple(best.names),
-        prior_sd=best.prior_sd, posterior_sd=best.posterior_sd,
+        sites=tuple(names[site] for site in best), parameters=tuple(after.names),
+        prior_sd=after.prior_sd, posterior_sd=after.posterior_sd,
         evenly_spread_sd=even.posterior_sd,
+        limits=limits.limits(best) if limits else (),
+        evenly_spread_limits=limits.limits(spread) if limits else (),
     )  # fmt: skip
+
+
+class _DamagePlan:
+    """Candidate sensors, and the losses of members that are found with some of them."""
+
+    def __init__(
+        self,
+        model: MatrixModel,
+        rows: Float[np.ndarray, "sensor dof"],
+        sites: Int[np.ndarray, " sensor"],
+        precision: ModePrecision,
+        power: float,
+        settings: AssessmentSettings | None,
+    ) -> None:
+        members = members_of(model).matrices
+        self._structure = updatable_model(members, precision.modes)
+        self._sites, self._precision = sites, precision
+        self._power, self._settings = power, settings or AssessmentSettings()
+        self._expected = expected_modes(
+            self._structure,
+            rows,
+            precision.modes,
+            frequency_sd=precision.frequency_sd,
+            shape_sd=precision.shape_sd,
+        )
+        self._rows = rows
+
+    def placed(self, number: int, fixed: tuple[int, ...]) -> tuple[int, ...]:
+        """Choose the sites of which the largest loss that is just found is least."""
+        # The errors of both states are in a difference.
+        differences = dataclasses.replace(
+            self._precision,
+            frequency_sd=math.sqrt(2.0) * self._precision.frequency_sd,
+            shape_sd=math.sqrt(2.0) * self._precision.shape_sd,
+        )
+        problem = PlacementProblem(
+            self._structure,
+            self._rows,
+            self._sites,
+            differences,
+            prior_sd=1.0,
+            common_sd=self._settings.temperature_sd,
+        )
+        return place_sensors(problem, number, fixed=fixed, criterion="detection").sites
+
+    def limits(self, chosen: tuple[int, ...]) -> tuple[DetectionLimit, ...]:
+        """Find the smallest loss of each member that is found with sensors at some sites."""
+        own, expected = np.isin(self._sites, chosen), self._expected
+        if own.sum() < 2 or expected.shapes is None or expected.shape_sd is None:
+            expected = dataclasses.replace(expected, shapes=None, shape_sd=None, channels=None)
+        else:
+            expected = dataclasses.replace(
+                expected,
+                shapes=expected.shapes[:, own],
+                shape_sd=expected.shape_sd[:, own],
+                channels=self._rows[own],
+            )
+        return plan_limits(self._structure, expected, self._settings, power=self._power)
 
 
 def _candidates(

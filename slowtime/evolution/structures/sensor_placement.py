@@ -12,6 +12,12 @@ and the parameters have information :math:`H_{\theta\theta} - H_{\theta a} H_{aa
 H_{a\theta}` beside the factors a. Its determinant is maximised (D-optimality), or the trace of
 its inverse minimised (A-optimality), greedily and then by exchanges of single sites.
 
+For damage, two states are compared and each parameter is tested alone: the loss of one that is
+found is, to first order, inversely proportional to the root of its diagonal entry of that
+information without the prior, the others being as before. The largest of these losses is
+minimised (a minimax design), with a common change of all stiffness, as by
+temperature, as a further factor.
+
 References
 ----------
 .. [1] D. C. Kammer, "Sensor placement for on-orbit modal identification and correlation of
@@ -22,10 +28,11 @@ References
 """
 
 import dataclasses
+import functools
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from slowtime.finite_elements.close_modes import close_groups
 
@@ -39,8 +46,17 @@ that one sensor alone says nothing about a shape."""
 BETTER = 1e-6
 """Increase over that by the site in place [1] below which exchanges end."""
 
-Criterion = Literal["determinant", "variance"]
-"""Determinant of the information (D-optimality), or sum of the posterior variances (A)."""
+Criterion = Literal["determinant", "variance", "detection"]
+"""Determinant of the information (D-optimality), sum of the posterior variances (A), or largest
+loss of a parameter alone that is just found."""
+
+_FINDABLE = 3.0
+"""Standard deviations [1] by which the loss of all stiffness of a parameter must show at all
+candidates together; others are found by no plan and are left out of the largest loss."""
+
+_SHARE_OF_ALL = 0.01
+"""Weight [1] of the mean loss beside the largest, so that sites still differ where none of them
+helps the parameter with the largest."""
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -117,6 +133,9 @@ class PlacementProblem:
         How well modes will be measured.
     prior_sd
         Prior standard deviations of the logarithms of the factors [1].
+    common_sd
+        Standard deviation of the logarithm of a common factor on all stiffness, which is no
+        parameter [1].
     """
 
     def __init__(
@@ -126,6 +145,7 @@ class PlacementProblem:
         sites: Int[np.ndarray, " sensor"],
         precision: ModePrecision,
         prior_sd: Float[np.ndarray, " parameter"] | float = 0.3,
+        common_sd: float = 0.0,
     ) -> None:
         sd = check_prior(model, prior_sd)
         if len(sites) != len(sensors) or set(sites.tolist()) != set(range(len(set(sites)))):
@@ -147,9 +167,12 @@ class PlacementProblem:
         order = np.argsort(sites, kind="stable")
         self._blocks = rows[order].reshape(self.sites, -1, rows.shape[2])
         start = np.eye(rows.shape[2])
-        start[: len(sd), : len(sd)] += frequency.T @ frequency
-        power = np.sum(rows[:, :, len(sd) :] ** 2, axis=(0, 1))
-        factors = range(len(sd), len(start))
+        # Frequencies are as the root of a common factor on all stiffness.
+        common = np.full((count, 1), 0.5 * common_sd / precision.frequency_sd)
+        known = np.hstack([frequency, common])
+        start[: len(sd) + 1, : len(sd) + 1] += known.T @ known
+        power = np.sum(rows[:, :, len(sd) + 1 :] ** 2, axis=(0, 1))
+        factors = range(len(sd) + 1, len(start))
         start[factors, factors] = FREE * np.where(power > 0, power, 1.0)
         self._start = start
 
@@ -201,6 +224,11 @@ class PlacementProblem:
         Increase by each [1].
         """
         information, blocks = self.information(chosen), self._blocks[open_sites]
+        if criterion == "detection":
+            added = np.swapaxes(blocks, 1, 2) @ blocks
+            return np.asarray(
+                self._largest_loss(information) - self._largest_loss(information + added)
+            )
         if criterion == "determinant":
             factors = blocks[:, :, self._parts :]
             whole = _growth(blocks, information)
@@ -210,6 +238,39 @@ class PlacementProblem:
         inner = np.eye(blocks.shape[1]) + spread @ np.swapaxes(blocks, 1, 2)
         own = spread[:, :, : self._parts] * self.prior_sd
         return np.asarray(np.sum(own * np.linalg.solve(inner, own), axis=(1, 2)))
+
+    def largest_loss(self, chosen: tuple[int, ...]) -> float:
+        """Largest loss that one standard deviation of a parameter alone is [1].
+
+        Parameters
+        ----------
+        chosen
+            Sites with sensors.
+
+        Returns
+        -------
+        The largest over the parameters that sensors at all sites would find, with a small
+        share of the mean.
+        """
+        return float(self._largest_loss(self.information(chosen)))
+
+    def _largest_loss(self, information: Float[np.ndarray, "*set all all"]) -> np.ndarray:
+        losses = self._losses(information)[..., self._findable]
+        return np.asarray(losses.max(axis=-1) + _SHARE_OF_ALL * losses.mean(axis=-1))
+
+    def _losses(self, information: Float[np.ndarray, "*set all all"]) -> np.ndarray:
+        """Loss of each parameter alone that is one standard deviation [1]."""
+        own = np.diagonal(information, axis1=-2, axis2=-1)[..., : self._parts] - 1.0
+        cross = information[..., self._parts :, : self._parts]
+        solved = np.linalg.solve(information[..., self._parts :, self._parts :], cross)
+        power = np.maximum(own - np.sum(cross * solved, axis=-2), 1e-300)
+        return np.asarray(self.prior_sd / np.sqrt(power))
+
+    @functools.cached_property
+    def _findable(self) -> Bool[np.ndarray, " parameter"]:
+        losses = self._losses(self.information(tuple(range(self.sites))))
+        found = (self.prior_sd > 0.0) & (losses < 1.0 / _FINDABLE)
+        return found if found.any() else np.ones(len(losses), dtype=bool)
 
 
 def _growth(blocks: np.ndarray, information: np.ndarray) -> np.ndarray:
@@ -232,9 +293,10 @@ def _rows(
         if j < count
         for r in group
     ]
-    rows = np.zeros((len(sensed), count, parts + len(pairs)))
+    # No sensor sees a common factor on all stiffness, which leaves shapes as they are.
+    rows = np.zeros((len(sensed), count, parts + 1 + len(pairs)))
     for column, (j, r) in enumerate(pairs):
-        rows[:, j, parts + column] = weight[j] * sensed[:, r]
+        rows[:, j, parts + 1 + column] = weight[j] * sensed[:, r]
     for j in range(count):
         own = sensed[:, [r for i, r in pairs if i == j]]
         slope = modes.sensed_slope[:, j] * prior_sd
@@ -262,7 +324,9 @@ def place_sensors(
         Sites that have a sensor already.
     criterion
         `determinant` weighs all directions of the parameters alike, `variance` minimises the
-        mean of their posterior variances.
+        mean of their posterior variances, `detection` the largest loss of a parameter alone
+        that is just found. The last is rugged; exchanges also start from the sites of the
+        other two.
 
     Returns
     -------
@@ -278,20 +342,42 @@ def place_sensors(
             f"{number} sites were asked for, {len(set(fixed))} of them fixed. Allowed are "
             f"{len(set(fixed))} to {problem.sites}, the number of candidates."
         )
+    chosen = _added(problem, number, fixed, criterion)
+    if criterion != "detection":
+        return problem.placement(_exchanged(problem, chosen, len(fixed), criterion))
+    starts = [chosen]
+    for other in ("determinant", "variance"):
+        start = _added(problem, number, fixed, other)
+        starts.append([*_exchanged(problem, start, len(fixed), other)])
+    found = [_exchanged(problem, one, len(fixed), criterion) for one in starts]
+    return problem.placement(min(found, key=problem.largest_loss))
+
+
+def _added(
+    problem: PlacementProblem, number: int, fixed: tuple[int, ...], criterion: Criterion
+) -> list[int]:
+    """Add sites one by one, each time the one that adds most."""
     chosen = list(fixed)
     while len(chosen) < number:
         # One sensor tells nothing of a shape; the determinant still ranks first sites.
         early = "determinant" if len(chosen) < 2 else criterion
         chosen.append(_best(problem, chosen, early)[0])
-    improved = True
+    return chosen
+
+
+def _exchanged(
+    problem: PlacementProblem, chosen: list[int], fixed: int, criterion: Criterion
+) -> tuple[int, ...]:
+    """Exchange single sites, all but the first that are fixed, until none adds more."""
+    chosen, improved = [*chosen], True
     while improved:
         improved = False
-        for place in range(len(fixed), number):
+        for place in range(fixed, len(chosen)):
             others = chosen[:place] + chosen[place + 1 :]
             site, gains = _best(problem, others, criterion)
             if gains[site] > (1 + BETTER) * gains[chosen[place]]:
                 chosen[place], improved = site, True
-    return problem.placement(tuple(chosen))
+    return tuple(chosen)
 
 
 def _best(

@@ -4,7 +4,7 @@ import click
 
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.flags import EXISTING
-from slowtime_cli.shared.options import POSITIVE
+from slowtime_cli.shared.options import POSITIVE, Real
 from slowtime_cli.shared.outputs import out_option
 from slowtime_cli.shared.settings import setting, settings_option
 
@@ -20,6 +20,7 @@ Examples:
   slowtime model place tower.yaml --sensors 8 --modes 10
   slowtime model place tower.yaml --sensors 4 --direction ux --direction uy --together
   slowtime model place tower.yaml --sensors 12 --keep --out -
+  slowtime model place frame.yaml --sensors 8 --modes 6 --setting criterion=detection
 
 With --keep, the sensors of the model file are there already and count among --sensors.
 """,
@@ -67,10 +68,42 @@ With --keep, the sensors of the model file are there already and count among --s
     ),
     setting(
         "--criterion",
-        type=click.Choice(["determinant", "variance"]),
+        type=click.Choice(["determinant", "variance", "detection"]),
         default="determinant",
         show_default=True,
-        help="Maximise the determinant of the information, or minimise the mean variance.",
+        help="Maximise the determinant of the information, minimise the mean variance, or "
+        "minimise the largest loss of a single member that `slowtime assess` just finds.",
+    ),
+    setting(
+        "--power",
+        type=Real(min=0.1, max=0.94),
+        default=0.9,
+        show_default=True,
+        help="With criterion=detection: probability with which the printed losses are found.",
+    ),
+    setting(
+        "--false-alarm",
+        type=Real(min=0.001, max=0.4),
+        default=0.05,
+        show_default=True,
+        help="With criterion=detection: probability of a change that is told where there is "
+        "none.",
+    ),
+    setting(
+        "--model-error",
+        type=Real(min=0.001, max=0.5),
+        default=0.02,
+        show_default=True,
+        help="With criterion=detection: relative standard deviation of the stiffness of a "
+        "member about the model.",
+    ),
+    setting(
+        "--temperature-sd",
+        type=Real(min=0, max=0.5),
+        default=0.02,
+        show_default=True,
+        help="With criterion=detection: standard deviation of a common relative change of all "
+        "stiffness, as by temperature.",
     ),
 )
 def place(together: bool, keep: bool, **_given: object) -> None:
@@ -78,7 +111,8 @@ def place(together: bool, keep: bool, **_given: object) -> None:
 
     Maximises the information that frequencies and mode shapes will give about the parameters,
     and prints the places, the expected posterior standard deviation of each parameter, and
-    that of as many evenly spread sensors.
+    that of as many evenly spread sensors. With criterion=detection it minimises the largest
+    loss of a single member that is found between two measurements, and prints that of each.
     """
     if together and keep:
         raise click.UsageError("Give one of --together and --keep.")

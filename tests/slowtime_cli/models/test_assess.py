@@ -105,3 +105,19 @@ def test_without_a_present_state_the_smallest_losses_are_planned(run, tmp_path, 
 )
 def test_arguments_that_do_not_belong_together_are_refused(refused, before, arguments, said):
     assert said in refused("assess", STOREYS, *arguments)
+
+
+def test_places_for_damage_print_the_limits_of_each_member(run):
+    planned = ("--sensors", 6, "--modes", 6, "--direction", "ux", "--direction", "uy")
+    planned += ("--setting", "criterion=detection", "--setting", "frequency_sd=0.001")
+    planned += ("--setting", "shape_sd=0.01", "--setting", "power=0.8")
+    body = json.loads(run("model", "place", STOREYS, *planned, "--out", "-").out)
+    losses = {one["name"]: one["loss"] for one in body["limits"]}
+    assert len(losses) == 16
+    assert 0.03 < min(losses.values()) < max(losses.values()) < 0.12
+    spread = max(one["evenly_spread_loss"] for one in body["limits"])
+    assert max(losses.values()) < 0.95 * spread
+    done = run("model", "place", STOREYS, *planned)
+    assert "found between two measurements with 80% probability, at 5% false alarms" in done.err
+    assert f"Largest: {100 * max(losses.values()):.1f} %" in done.err
+    assert "\nname\tloss\tevenly_spread_loss\talike\n" in done.out
