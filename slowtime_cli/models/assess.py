@@ -68,7 +68,7 @@ def _assess(
     rows, modes = _member_rows(body["sets"]), _mode_rows(body["modes"])
     if given["report"] is not None:
         tables = (Table(MEMBER_HEADINGS, rows), Table(MODE_HEADINGS, modes))
-        write_assessment(given["report"], read, found, tables)
+        write_assessment(given["report"], read, body, tables)
     if given["as_json"]:
         click.echo(json.dumps(body, indent=2))
         return

@@ -10,12 +10,13 @@ from pydantic_core import to_json
 from slowtime_schemas.messages import Features
 from slowtime_schemas.messages import Mode as MessageMode
 from twin_server.history import states as st
-from twin_server.history.details import Detail
+from twin_server.history.details import ASSESSMENT, Detail
 from twin_server.history.states import States
 from twin_server.registration.structure import MASS, ElementModel
 from twin_server.registration.twin import Registration
 
 from .alarms import Estimates, follow_alarms
+from .assessed_members import follow_assessments
 from .checkpoint import Checkpoint
 from .columns import without_covariates
 from .covariates import messages
@@ -55,18 +56,19 @@ def estimate_elements(
         registration.learn_epochs,
         registration.covariates,
         covered,
+        registration.assessment,
     )
     states = _states(registration, found.readings, missing_before)
     st.note_coverage(states, covered)
     parameters = _by_parameter(model.free, found.readings)
     notices = _of_covariates(registration, found, features)
     notices += [_lesson(found, row, count) for row, count in found.lessons]
-    suspicions, changed = _suspected(
-        found.memory.suspicions,
-        found.readings,
-        (states["reasons"] & st.MEASURED_BEFORE) == 0,
-        registration.confirm_readings,
-    )
+    new = (states["reasons"] & st.MEASURED_BEFORE) == 0
+    if registration.assessment is None:
+        confirm = registration.confirm_readings
+        suspicions, changed = _suspected(found.memory.suspicions, found.readings, new, confirm)
+    else:
+        suspicions, changed = follow_assessments(found.memory.suspicions, found.readings)
     memory = dataclasses.replace(found.memory, suspicions=suspicions)
     memory, doubted = _doubted_units(memory, features, model)
     checkpoint, watched = follow_alarms(registration, checkpoint, states, parameters)
@@ -140,6 +142,7 @@ def _detail(reading: EpochEstimate, model: ElementModel, freed: bool) -> Detail:
         "elements": elements,
         "posterior_to_prior": ratios,
         "suspects": [suspect.word for suspect in reading.suspects],
+        **({} if reading.assessed is None else {ASSESSMENT: reading.assessed}),
         "channels": features.channels,
         "modes": [
             told

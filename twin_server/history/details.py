@@ -9,6 +9,9 @@ from typing import NamedTuple, TypeAlias
 
 from pydantic_core import from_json, to_json
 
+ASSESSMENT = "assessment"
+"""Key of the latest comparison of the members with the reference."""
+
 
 class Detail(NamedTuple):
     """Details of one state.
@@ -18,7 +21,8 @@ class Detail(NamedTuple):
     changes
         Value, lo and hi of each parameter as they lie in memory, float64; for drawing.
     body
-        A JSON object: elements, posterior_to_prior, suspects, channels, modes, truth.
+        A JSON object: elements, posterior_to_prior, suspects, channels, modes, truth; and
+        assessment where one is asked for.
     """
 
     changes: bytes
@@ -40,6 +44,21 @@ def without_shapes(body: bytes) -> bytes:
     content = from_json(body)
     for mode in content["modes"]:
         mode["shape"] = None
+    return to_json(content)
+
+
+def without_assessment(body: bytes) -> bytes:
+    """Leave out the assessment of the members, which messages do not have.
+
+    Examples
+    --------
+    >>> without_assessment(b'{"suspects":["c1"],"assessment":{"verdict":"changed"}}')
+    b'{"suspects":["c1"]}'
+    """
+    if f'"{ASSESSMENT}"'.encode() not in body:
+        return body
+    content = from_json(body)
+    content.pop(ASSESSMENT, None)
     return to_json(content)
 
 

@@ -19,7 +19,7 @@ from slowtime_schemas.streams import STATE
 from twin_server.events.deliveries import identity
 
 from .buckets import Buckets
-from .details import Bodies, without_shapes
+from .details import Bodies, without_assessment, without_shapes
 from .states import ESTIMATES, USED_SMOOTHED, States, assumed, sentences
 
 _MOST_BYTES = STATE.max_bytes - 2**16
@@ -56,6 +56,8 @@ def state_messages(
     ):
         if body is not None and len(body) > _MOST_BYTES:
             body = without_shapes(body)
+        if body is not None:
+            body = without_assessment(body)
         yield (
             f'{{"version":{TwinState.VERSION},"site":"{site}","asset":"{asset}","boot":"{boot}",'
             f'"sequence":{row[0]},"t_ns":{row[1]},"id":"{site}.{asset}",'

@@ -19,6 +19,7 @@ from twin_server.events.receivers import AlarmRoute
 from twin_server.orders import Adopted
 from twin_server.registration.nominal import Covariates, Nominal
 
+from .assessing import ASSESSMENT_EXAMPLE, Assessing
 from .costs import COSTS_EXAMPLE, DECISION_EXAMPLE, CostTable, Deciding
 from .finite_elements import self_contained
 from .limit_states import EXAMPLE as LIMIT_STATES_EXAMPLE
@@ -49,6 +50,7 @@ MODEL_EXAMPLE: dict[str, Any] = {
     },
     "parameters": {"storey1": 0.3, "storey2": 0.3, "floor2.mass": 0.1},
     "alarms": [{"quantity": "elements", "below": -0.1}],
+    "assessment": ASSESSMENT_EXAMPLE,
 }
 
 _OF_ONE_MODE = ("frequency_hz", "damping_ratio", "stiffness_change", "mass_change")
@@ -122,6 +124,9 @@ class Registration(Immutable):
     covariates: Covariates | None = None
     """What of temperature and load is learnt at first, and taken out from then on; learning
     lasts as long as their training then, not `learn_epochs`."""
+    assessment: Assessing | None = None
+    """Of a twin of elements: members are compared with the reference period, readings
+    together, at a stated rate of false alarms; by default each reading names by itself."""
     adopted: Annotated[tuple[Adopted, ...], Field(max_length=16)] = ()
     """What diagnoses have added to `model`, or to `covariates`, the latest last."""
     forecast: Forecasting = Forecasting()
@@ -184,6 +189,11 @@ class Registration(Immutable):
                 f"{'without a model' if of_elements else 'with parameters'}. Give a model, and "
                 "changes='elements', to estimate many elements; leave `parameters` out for a "
                 "twin of one mode."
+            )
+        if self.assessment is not None and not of_elements:
+            raise ValueError(
+                f"changes={self.changes!r} was given with an assessment of members. Give a "
+                "model and changes='elements', or leave `assessment` out."
             )
         if not of_elements:
             return self._with_alarms_on(_OF_ONE_MODE)

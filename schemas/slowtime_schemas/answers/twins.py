@@ -9,6 +9,7 @@ from slowtime_schemas.keyed_access import KeyedAccess
 from slowtime_schemas.messages import LinkProfile, Shape
 from slowtime_schemas.quantities import Estimate
 
+from .assessments import ASSESSMENT_EXAMPLE, MemberAssessment
 from .base import Extensible, RestAnswer
 
 ConclusionAnswer = Literal["act", "watch", "cannot_say", "no"]
@@ -67,6 +68,7 @@ ELEMENTS_EXAMPLE: dict[str, Any] = {
     "suspects": ["storey2"],
     "channels": ["a_floor1", "a_floor2", "a_floor3"],
     "modes": [MODE_EXAMPLE],
+    "assessment": ASSESSMENT_EXAMPLE,
 }
 
 
@@ -106,6 +108,11 @@ class OfElements(RestAnswer):
         default=(), description="Of the shapes' components, in order."
     )
     modes: tuple[SeenModeModel, ...] = ()
+    assessment: MemberAssessment | None = Field(
+        None,
+        description="Latest comparison of the members with the reference period; null before "
+        "the first, and where the registration asks for none.",
+    )
 
 
 class State(KeyedAccess, OfElements):

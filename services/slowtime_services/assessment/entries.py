@@ -51,6 +51,45 @@ def assessment_entry(found: Assessment, kinds: Mapping[str, str]) -> dict[str, A
     }
 
 
+CERTAIN = 0.95
+"""Probability [1] from which a member is drawn as certain."""
+
+INTERVAL = 1.96
+"""Standard deviations of a 95 % interval [1]."""
+
+
+def evidence_changes(
+    sets: Sequence[Sequence[Mapping[str, Any]]], groups: Sequence[str]
+) -> dict[str, dict[str, float]]:
+    """Change of each drawn member, the expected one: loss times probability.
+
+    Parameters
+    ----------
+    sets
+        Of `assessment_entry`: for each changed member, those that it may be.
+    groups
+        Members that are drawn.
+
+    Returns
+    -------
+    Name → value, its standard deviation, and ends of its interval [1], which hold zero unless
+    the member is certain.
+    """
+    nothing = {"value": 0.0, "sd": 0.0, "lo": 0.0, "hi": 0.0}
+    changes = {name: dict(nothing) for name in groups}
+    for one in (one for some in sets for one in some if one["name"] in changes):
+        probability, loss, half = one["probability"], one["loss"], INTERVAL * one["sd"]
+        expected = probability * loss
+        spread = probability * (one["sd"] ** 2 + loss**2) - expected**2
+        changes[one["name"]] = {
+            "value": -expected,
+            "sd": math.sqrt(max(spread, 0.0)),
+            "lo": -min(loss + half, 1.0),
+            "hi": -(loss - half) if probability >= CERTAIN else 0.0,
+        }
+    return changes
+
+
 def limit_entries(
     limits: Sequence[DetectionLimit], kinds: Mapping[str, str]
 ) -> list[dict[str, Any]]:

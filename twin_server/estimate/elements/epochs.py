@@ -17,9 +17,9 @@ sensor sees is not: it moves all of them alike, and looks like all elements chan
 
 import dataclasses
 import functools
-import math
 import operator
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -28,7 +28,6 @@ from scipy.special import chdtrc, ndtri
 from slowtime.evolution import Reason
 from slowtime.evolution.structures import (
     MeasuredModes,
-    ParametricStructure,
     StructurePosterior,
     estimate,
     name_changes,
@@ -36,14 +35,18 @@ from slowtime.evolution.structures import (
 from slowtime.evolution.structures.measured_modes import mode_misfit
 from slowtime_schemas.messages import Features
 from twin_server.estimate.covariates import Removed, Verdict, covariates_of
-from twin_server.estimate.elements.memory import Baseline, ElementMemory
+from twin_server.estimate.elements.memory import Baseline, ElementMemory, ReadingPool
 from twin_server.history import states as st
+from twin_server.registration.assessing import Assessing
 from twin_server.registration.nominal import Covariates
 from twin_server.registration.structure import ElementModel
 
-from .baseline_learning import common_patterns, conclude, gather, is_enough
-from .mode_matching import aligned, match, update_reference
+from .assessment import compare, groups_of
+from .baseline_learning import conclude, gather, is_enough
+from .compared_modes import Nominal, freed, measured_now
+from .mode_matching import match, update_reference
 from .observed_modes import ObservedMode, observed_modes
+from .pooled_modes import added
 from .suspects import SuspectGroup, suspects_of
 
 STARTS = 2
@@ -85,6 +88,8 @@ class EpochEstimate:
         Posterior over prior sd of each.
     suspects
         What has changed.
+    assessed
+        Latest comparison of the members with the reference, as JSON has it.
     """
 
     features: Features
@@ -94,6 +99,7 @@ class EpochEstimate:
     changes: Float[np.ndarray, "parameter 4"] | None = None
     ratio: Float[np.ndarray, " parameter"] | None = None
     suspects: tuple[SuspectGroup, ...] = ()
+    assessed: dict[str, Any] | None = None
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -122,6 +128,7 @@ def track_epochs(
     learn_epochs: int,
     wanted: Covariates | None = None,
     covered: Sequence[float] = (),
+    assessing: Assessing | None = None,
 ) -> TrackedEpochs:
     """Take in the next epochs of one twin.
 
@@ -132,9 +139,11 @@ def track_epochs(
     covered
         Share of the time of each that earlier windows have measured [1]; empty for none. What
         was measured wholly before is estimated, and nothing is learnt from it.
+    assessing
+        How members are compared with the reference; None to name changes reading by reading.
     """
     readings, lessons, verdicts = [], [], []
-    nominal = _Nominal.of(memory, model) if memory.knows else None
+    nominal = Nominal.of(memory, model) if memory.knows else None
     for row, message in enumerate(features):
         modes = observed_modes(message, model)
         new = not covered or not st.is_measured_before(covered[row])
@@ -147,7 +156,7 @@ def track_epochs(
             if is_enough(memory, learn_epochs, wanted):
                 memory = conclude(memory, model, wanted)
                 lessons.append((row, len(memory.baselines)))
-                nominal = _Nominal.of(memory, model) if memory.knows else None
+                nominal = Nominal.of(memory, model) if memory.knows else None
             continue
         pairs = match(memory.references, modes, message.boot)
         references = tuple(
@@ -156,7 +165,13 @@ def track_epochs(
         )
         memory = dataclasses.replace(memory, references=references)
         removed = _removed(message, nominal, wanted)
-        readings.append(_read(message, modes, pairs, nominal, removed))
+        reading = _read(message, modes, pairs, nominal, removed, alone=assessing is None)
+        if assessing is not None:
+            if new:
+                memory = _assessed(memory, reading, nominal, removed, assessing)
+            told = memory.assessed
+            reading = dataclasses.replace(reading, suspects=groups_of(told), assessed=told)
+        readings.append(reading)
         if wanted is not None and new:
             baselines, judged = _watched(memory, message, modes, pairs, wanted)
             memory = dataclasses.replace(memory, baselines=baselines)
@@ -174,13 +189,13 @@ def posterior_of(
 
     None where it tells nothing.
     """
-    nominal, modes = _Nominal.of(memory, model), observed_modes(message, model)
+    nominal, modes = Nominal.of(memory, model), observed_modes(message, model)
     pairs = match(memory.references, modes, message.boot)
     removed = _removed(message, nominal, wanted)
     if not pairs or any(one.reasons & st.NO_COVARIATE for one in removed):
         return None
     matched = [(nominal.baselines[i], i, modes[j]) for i, j in sorted(pairs.items())]
-    measured = _measured(matched, nominal, removed)
+    measured = measured_now(matched, nominal, removed)
     return estimate(nominal.structure, measured, model.prior_sd, starts=STARTS).covariance
 
 
@@ -203,7 +218,7 @@ def _taught(
 
 
 def _removed(
-    message: Features, nominal: "_Nominal", wanted: Covariates | None
+    message: Features, nominal: "Nominal", wanted: Covariates | None
 ) -> tuple[Removed, ...]:
     """For each baseline, the effect of covariates on its frequency; none without covariates."""
     if wanted is None:
@@ -239,51 +254,16 @@ def _watched(
     return tuple(baselines), verdicts
 
 
-@dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class _Nominal:
-    """The structure at learning, and the modes that the model gives it."""
-
-    model: ElementModel
-    structure: ParametricStructure
-    baselines: tuple[Baseline, ...]
-    frequency_hz: Float[np.ndarray, " baseline"]
-    shapes: Float[np.ndarray, "baseline channel"]
-    shape_error: Float[np.ndarray, " baseline"]
-
-    @classmethod
-    def of(cls, memory: ElementMemory, model: ElementModel) -> "_Nominal":
-        structure = model.at(memory.theta)
-        modes = structure.modes(np.zeros(len(structure.names)))
-        which = [one.mode for one in memory.baselines]
-        shapes = (model.rows @ modes.shape[:, which]).T
-        frequency_hz = modes.frequency_hz[which]
-        learnt_hz = np.array([one.frequency_hz for one in memory.baselines])
-        error = _shape_error(learnt_hz, frequency_hz)
-        return cls(model, structure, memory.baselines, frequency_hz, shapes, error)
-
-
-def _shape_error(
-    learnt_hz: Float[np.ndarray, " mode"], model_hz: Float[np.ndarray, " mode"]
-) -> np.ndarray:
-    """Error of the changes of shapes that a model gives, over these changes [1].
-
-    Modes turn towards each other by what couples them over the difference of their
-    eigenvalues (first order), so that the turn is as wrong as this difference, at most wholly.
-    """
-    error = np.log(learnt_hz / model_hz)
-    apart = np.abs(np.log(model_hz / model_hz[:, None]))
-    np.fill_diagonal(apart, np.inf)
-    wrong = np.abs(error - error[:, None]) / np.maximum(apart, 1e-12)
-    return np.asarray(np.minimum(wrong.max(axis=1), 1.0))
-
-
 def _read(
     message: Features,
     modes: Sequence[ObservedMode],
     pairs: dict[int, int],
-    nominal: _Nominal,
+    nominal: Nominal,
     removed: Sequence[Removed],
+    *,
+    alone: bool,
 ) -> EpochEstimate:
+    """Estimate the changes of one epoch, and name them by it `alone`."""
     numbers = {modes[j].place: nominal.baselines[i].mode for i, j in sorted(pairs.items())}
     if not pairs:
         reasons = st.NO_MODEL_MODE if modes else st.NO_MODE
@@ -292,13 +272,13 @@ def _read(
     if against & st.NO_COVARIATE:
         return EpochEstimate(message, tuple(modes), numbers, against)
     matched = [(nominal.baselines[i], i, modes[j]) for i, j in sorted(pairs.items())]
-    measured = _measured(matched, nominal, removed)
+    measured = measured_now(matched, nominal, removed)
     posterior = estimate(nominal.structure, measured, nominal.model.prior_sd, starts=STARTS)
     changes = _changes(posterior)
     if changes is None:
         return EpochEstimate(message, tuple(modes), numbers, st.NOT_REPRESENTABLE)
     reasons = against | (st.MODEL_MISFIT if posterior.p_value < MISFIT else 0)
-    away = [abs(_freed(mode, i, removed)[0] / o.frequency_hz - 1.0) for o, i, mode in matched]
+    away = [abs(freed(mode, i, removed)[0] / o.frequency_hz - 1.0) for o, i, mode in matched]
     if max(away) >= _FAR:
         reasons |= int(Reason.BEYOND_RECOMMENDED)
     return EpochEstimate(
@@ -308,83 +288,33 @@ def _read(
         reasons,
         changes,
         posterior.ratio,
-        _suspects(measured, nominal),
+        _suspects(measured, nominal) if alone else (),
     )
 
 
-def _freed(mode: ObservedMode, i: int, removed: Sequence[Removed]) -> tuple[float, float]:
-    """Frequency at the reference of the covariates, and the relative sd that this adds."""
-    if not removed:
-        return mode.frequency_hz, 0.0
-    one = removed[i]
-    return one.factor * mode.frequency_hz, math.hypot(one.own_sd, one.law_sd)
-
-
-def _measured(
-    matched: Sequence[tuple[Baseline, int, ObservedMode]],
-    nominal: _Nominal,
+def _assessed(
+    memory: ElementMemory,
+    reading: EpochEstimate,
+    nominal: Nominal,
     removed: Sequence[Removed],
-) -> MeasuredModes:
-    frequency, relative, shapes, shape_sds, moves = [], [], [], [], []
-    for baseline, i, mode in matched:
-        freed, added = _freed(mode, i, removed)
-        frequency.append(freed / baseline.frequency_hz * float(nominal.frequency_hz[i]))
-        own = baseline.scatter * mode.relative_sd
-        relative.append(math.hypot(own, added if removed else baseline.relative_sd))
-        shape, shape_sd, move = _shape(baseline, mode, nominal.shapes[i])
-        shapes.append(shape)
-        shape_sds.append(shape_sd)
-        moves.append(nominal.shape_error[i] * move)
-    values, any_shape = np.array(frequency), bool(np.isfinite(shapes).any())
-    known = [baseline for baseline, _, _ in matched]
-    return MeasuredModes(
-        frequency_hz=values,
-        frequency_sd_hz=values * np.array(relative),
-        shapes=np.array(shapes) if any_shape else None,
-        shape_sd=np.array(shape_sds) if any_shape else None,
-        channels=nominal.model.rows if any_shape else None,
-        shape_common=_common(known, np.array(shape_sds), np.array(moves))
-        if any_shape
-        else None,
-    )
+    assessing: Assessing,
+) -> ElementMemory:
+    """Add a reading to those that wait, and compare them once they are enough.
 
-
-def _common(
-    baselines: Sequence[Baseline],
-    shape_sd: Float[np.ndarray, "mode channel"],
-    moves: Float[np.ndarray, "mode channel"],
-) -> Float[np.ndarray, "mode pattern channel"]:
-    """Patterns in which the channels of each shape err together, in the unit of the shape.
-
-    Those of what was learnt, and the error of the model in the change of each shape.
+    Readings under covariates that training has not seen are left out: their law is a guess.
     """
-    learnt = common_patterns(baselines, shape_sd)
-    own = np.nan_to_num(moves)[:, None]
-    return own if learnt is None else np.concatenate([learnt, own], axis=1)
-
-
-def _shape(
-    baseline: Baseline, mode: ObservedMode, model: Float[np.ndarray, " channel"]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Shape of the model plus its change since learning; NaN where not measured.
-
-    Returns
-    -------
-    Shape, its standard deviation, and the change, by channel [channel].
-    """
-    nothing = np.full(len(model), np.nan)
-    if mode.shape is None or mode.shape_sd is None or baseline.shape is None:
-        return nothing, nothing, nothing
-    learnt, learnt_sd = np.array(baseline.shape), np.array(baseline.shape_sd)
-    now, factor = aligned(mode.shape, learnt)
-    own, _ = aligned(model, learnt)
-    sd = np.hypot(baseline.shape_scatter * factor * mode.shape_sd, learnt_sd)
-    shape = own + now - learnt
-    known = np.isfinite(shape) & np.isfinite(sd)
-    if known.sum() < 2:
-        return nothing, nothing, nothing
-    shape, sd, move = (np.where(known, one, np.nan) for one in (shape, sd, now - learnt))
-    return shape, sd, move
+    if reading.changes is None or reading.reasons & st.BEYOND_COVARIATES:
+        return memory
+    places = {mode.place: j for j, mode in enumerate(reading.seen)}
+    numbers = {one.mode: i for i, one in enumerate(nominal.baselines)}
+    pairs = {numbers[number]: places[at] for at, number in reading.pairs.items()}
+    message = reading.features
+    pool = added(memory.pool, reading.seen, pairs, nominal, removed, message.t_ns)
+    if pool.readings < assessing.readings:
+        return dataclasses.replace(memory, pool=pool)
+    found = compare(pool, nominal, assessing, memory.learnt_from)
+    waiting = ReadingPool(compared_ns=pool.until_ns)
+    return dataclasses.replace(memory, pool=waiting, assessed=found or memory.assessed)
 
 
 def _changes(posterior: StructurePosterior) -> Float[np.ndarray, "parameter 4"] | None:
@@ -403,7 +333,7 @@ def _changes(posterior: StructurePosterior) -> Float[np.ndarray, "parameter 4"] 
     return numbers if np.isfinite(numbers).all() else None
 
 
-def _suspects(measured: MeasuredModes, nominal: _Nominal) -> tuple[SuspectGroup, ...]:
+def _suspects(measured: MeasuredModes, nominal: Nominal) -> tuple[SuspectGroup, ...]:
     """Name the elements that have changed, if "no change" does not explain the modes."""
     structure, prior = nominal.structure, nominal.model.prior_sd
     still = mode_misfit(structure, measured, np.zeros(len(prior)), prior)

@@ -115,6 +115,66 @@ class ChangeSuspicion:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
+class ModePool:
+    """One mode in the readings of a pool, beside its baseline.
+
+    Parameters
+    ----------
+    readings
+        How many have shown it.
+    weight, weighted
+        Sum of inverse variances of ln(frequency over the learnt one), and of that times them.
+    common
+        Largest standard deviation of what all readings have in common [1].
+    shape_weight, shape_weighted
+        The same sums of the components of shapes, by channel; none without shapes.
+    """
+
+    readings: int = 0
+    weight: float = 0.0
+    weighted: float = 0.0
+    common: float = 0.0
+    shape_weight: tuple[float, ...] = ()
+    shape_weighted: tuple[float, ...] = ()
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class ReadingPool:
+    """Readings that wait for a comparison with the reference.
+
+    Parameters
+    ----------
+    modes
+        One for each baseline; none without readings.
+    readings, since_ns, until_ns
+        How many, and the sensor time of the first and the last [ns].
+    compared_ns
+        Sensor time of the comparison before [ns]; None before the first.
+    """
+
+    modes: tuple[ModePool, ...] = ()
+    readings: int = 0
+    since_ns: int = 0
+    until_ns: int = 0
+    compared_ns: int | None = None
+
+    @classmethod
+    def from_dict(cls, content: dict[str, Any]) -> "ReadingPool":
+        """Read a pool from the JSON of `dataclasses.asdict`."""
+        modes = tuple(
+            ModePool(
+                **{
+                    **one,
+                    "shape_weight": tuple(one["shape_weight"]),
+                    "shape_weighted": tuple(one["shape_weighted"]),
+                }
+            )
+            for one in content["modes"]
+        )
+        return cls(**{**content, "modes": modes})
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
 class ElementMemory:
     """State of a twin of elements between epochs.
 
@@ -135,6 +195,10 @@ class ElementMemory:
         What is believed to have changed, or is on its way to be.
     unit_doubts
         What was said last of channels whose units are in doubt.
+    pool
+        Readings since the latest comparison of the members with the reference.
+    assessed
+        That comparison, as JSON has it; None before the first, or where none is asked for.
     """
 
     references: tuple[Reference, ...] = ()
@@ -146,6 +210,8 @@ class ElementMemory:
     since: float = math.inf
     until: float = -math.inf
     unit_doubts: tuple[str, ...] = ()
+    pool: ReadingPool = ReadingPool()
+    assessed: dict[str, Any] | None = None
 
     @property
     def knows(self) -> bool:
@@ -201,6 +267,10 @@ class ElementMemory:
             since=content.get("since", math.inf),
             until=content.get("until", -math.inf),
             unit_doubts=tuple(content.get("unit_doubts", ())),
+            pool=ReadingPool.from_dict(
+                content.get("pool") or dataclasses.asdict(ReadingPool())
+            ),
+            assessed=content.get("assessed"),
         )
 
 

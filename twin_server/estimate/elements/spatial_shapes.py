@@ -8,6 +8,7 @@ from jaxtyping import Float
 from scipy.linalg import eigh
 
 from slowtime.evolution.structures import ParametricStructure
+from slowtime_services.assessment.entries import evidence_changes
 from slowtime_services.models import description_of
 from slowtime_services.wireframes import (
     MeasuredShapes,
@@ -16,6 +17,7 @@ from slowtime_services.wireframes import (
     stored_motions,
     wireframe_of_geometry,
 )
+from twin_server.history.details import ASSESSMENT
 from twin_server.registration.structure import model_of
 from twin_server.registration.twin import Registration
 
@@ -66,7 +68,13 @@ def spatial_scene(
         changed=changed,
     )
     elements, channels = state.get("elements") or {}, state.get("channels") or ()
-    scene["changes"] = {name: elements[name] for name in scene["groups"] if name in elements}
+    estimated = [name for name in scene["groups"] if name in elements]
+    assessed = state.get(ASSESSMENT)
+    scene["changes"] = (
+        {name: elements[name] for name in estimated}
+        if assessed is None
+        else evidence_changes(assessed["sets"], estimated)
+    )
     for sensor in scene["sensors"]:
         sensor["measured"] = sensor["channel"] in channels
     return scene

@@ -74,6 +74,10 @@ def _raised_words(raised: dict[str, Any]) -> str:
 def _has_entered(twin: Twin | None) -> bool:
     if twin is None:
         return False
+    elements = twin.checkpoint.elements
+    if elements is not None and elements.assessed is not None:
+        if elements.assessed["verdict"] == "undecided":
+            return True
     normal = normal_of(twin.checkpoint.conditions(), twin.registration)
     return any(one["entered"] is not None for one in normal)
 

@@ -2,6 +2,7 @@
 import { marksOf, timeAxis } from "./axis.js";
 import { HEIGHT_PX, MARGIN, WIDE_PX, instantOf, pictureOf, zoomOf } from "./charts.js";
 import { t } from "./language.js";
+import { membersSaid, probabilityOf } from "./members.js";
 import { Modes } from "./modes.js";
 import { drawPlot } from "./plot.js";
 import { colour, faded } from "./svg.js";
@@ -77,10 +78,11 @@ export class Elements {
     const { elements = {}, suspects = [] } = latest, names = Object.keys(elements);
     const said = suspects.map((word) => sentence(word, elements));
     const calm = names.length ? t("elements.none_changed") : "";
-    const text = said.length ? `${said.join("; ")}.` : calm;
+    const { assessment, registration } = latest, compared = registration?.assessment;
+    const text = compared ? membersSaid(assessment, compared) : said.length ? `${said.join("; ")}.` : calm;
     if (this.verdict.textContent !== text) this.verdict.textContent = text;
-    this.verdict.dataset.state = said.length ? "waiting" : "good";
-    this.list(elements, suspects, latest.posterior_to_prior ?? {});
+    this.verdict.dataset.state = said.length || assessment?.verdict === "undecided" ? "waiting" : "good";
+    this.list(latest);
     this.caption(elements, suspects);
   }
 
@@ -95,7 +97,7 @@ export class Elements {
     past.interval.textContent = shown ? `${shown}, ${interval95(interval)}` : t("twin.not_estimated");
   }
 
-  list(elements, suspects, ratios) {
+  list({ elements = {}, suspects = [], posterior_to_prior: ratios = {}, assessment }) {
     const accused = new Set(suspects.flatMap((word) => namesIn(word, elements)));
     const head = make("tr"), body = make("tbody"), top = make("thead");
     for (const title of [t("elements.element"), t("elements.change"), t("number.interval_95"), ""]) {
@@ -108,7 +110,8 @@ export class Elements {
       title.scope = "row";
       if (isMass(name)) title.append(make("span", ` ${t("elements.mass")}`, "interval"));
       const told = ratios[name] < HARDLY_TOLD ? "" : t("elements.hardly_told");
-      row.append(title, make("td", value), make("td", interval), make("td", accused.has(name) ? t("elements.changed") : told));
+      const probable = probabilityOf(assessment, name);
+      row.append(title, make("td", value), make("td", interval), make("td", probable || (accused.has(name) ? t("elements.changed") : told)));
       row.dataset.changed = accused.has(name);
       body.append(row);
     }

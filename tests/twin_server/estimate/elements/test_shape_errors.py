@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from twin_server.estimate.elements.epochs import _shape_error
+from twin_server.estimate.elements.compared_modes import shape_error as _shape_error
 
 
 def turned(frequency_hz, coupling):
