@@ -58,7 +58,7 @@ def _overlap(word: str, other: str) -> bool:
 
 
 def _changed(row: int, reading: EpochEstimate, word: str, told: dict[str, Any]) -> Notice:
-    details = {"suspect": word, "assessment": told}
+    details: dict[str, Any] = {"suspect": word, "assessment": told}
     if word == UNDECIDED:
         said = "The modes have changed, but it cannot be told in which member."
         return Notice(row, "element_changed", "warning", said, details)
@@ -69,6 +69,6 @@ def _changed(row: int, reading: EpochEstimate, word: str, told: dict[str, Any]) 
 
 def _gone(row: int, word: str, told: dict[str, Any]) -> Notice:
     named = "modes" if word == UNDECIDED else word
-    details = {"suspect": word, "assessment": told}
+    details: dict[str, Any] = {"suspect": word, "assessment": told}
     said = f"{named}: no change is seen any more."
     return Notice(row, "element_restored", "info", said, details)

@@ -346,7 +346,8 @@ def place_sensors(
     if criterion != "detection":
         return problem.placement(_exchanged(problem, chosen, len(fixed), criterion))
     starts = [chosen]
-    for other in ("determinant", "variance"):
+    others: tuple[Criterion, ...] = ("determinant", "variance")
+    for other in others:
         start = _added(problem, number, fixed, other)
         starts.append([*_exchanged(problem, start, len(fixed), other)])
     found = [_exchanged(problem, one, len(fixed), criterion) for one in starts]

@@ -46,7 +46,7 @@ def test_a_softer_column_is_named_and_drawn(run, tmp_path, model, before):
     assert set(changes) == set(model.matrices.names)
     assert changes["c13"]["value"] == pytest.approx(-0.3, abs=0.02)
     assert changes["c13"]["hi"] < 0.0
-    assert changes["g13"] == {"value": 0.0, "lo": 0.0, "hi": 0.0}
+    assert changes["g13"] == {"value": 0.0, "sd": 0.0, "lo": 0.0, "hi": 0.0}
 
 
 def test_a_loose_end_of_a_beam_is_named(run, tmp_path, before):
