@@ -240,6 +240,20 @@ class Client:
         found = self._ask(HistoryModel, "GET", f"/twins/{twin_id}/history", query)
         return TwinHistory(found.points, found.bands)
 
+    def history_after(
+        self, twin_id: str, position: str = ":0", *, limit: int = 1_000
+    ) -> TwinHistory:
+        """States that follow one, in order and none left out; ``:0`` begins with the first.
+
+        Parameters
+        ----------
+        position
+            ``BOOT:SEQUENCE`` of that state, such as ``f"{state.boot}:{state.sequence}"``.
+        """
+        query = {"after": position, "max_points": limit}
+        found = self._ask(HistoryModel, "GET", f"/twins/{twin_id}/history", query)
+        return TwinHistory(found.points)
+
     def export(
         self,
         twin_id: str,

@@ -151,3 +151,27 @@ def test_a_token_is_not_carried_to_where_a_server_points():
             thread.join()
     assert refused.value.status == 302
     assert heard == [("/api/v1/twins", "Bearer secret")]
+
+
+def test_states_that_follow_one_are_read_without_a_gap(server, client):
+    whole = [one.sequence for one in client.history("lab.beam", max_points=1_000)]
+    position, read = ":0", []
+    while page := client.history_after("lab.beam", position, limit=70):
+        read += [one.sequence for one in page]
+        position = f"{page[-1].boot}:{page[-1].sequence}"
+    assert read == whole
+    assert len(read) == 300
+
+
+@pytest.mark.parametrize(
+    ("query", "status", "kind"),
+    [
+        ({"after": "nobody:3"}, 404, "no-such-boot"),
+        ({"after": "b1"}, 422, "not-valid"),
+        ({"after": "b1:3", "start": "slow:1"}, 422, "not-valid"),
+    ],
+)
+def test_a_position_that_is_none_is_refused(server, query, status, kind):
+    answer = server.get("/api/v1/twins/lab.beam/history", **query)
+    assert answer.status_code == status
+    assert answer.json()["type"].endswith(kind)

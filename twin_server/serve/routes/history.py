@@ -14,8 +14,10 @@ from twin_server.history.rendering import points
 from twin_server.registration.twin import Registration
 from twin_server.serve.http import problems
 from twin_server.serve.http.bounded_threads import BoundedThreads
+from twin_server.serve.http.problems import ProblemError
 from twin_server.serve.instants import MomentText, moment_of
-from twin_server.serve.knowledge import Knowledge
+from twin_server.serve.knowledge import HistoryPart, Knowledge
+from twin_server.serve.live import SHIFT
 from twin_server.serve.state_rendering import json_response, modes_of, state_texts
 from twin_server.settings import ServeSettings
 
@@ -29,6 +31,8 @@ _PROBLEMS = problems.answers(
         422: "A parameter that is not valid",
     }
 )
+
+_POSITION = r"^[0-9A-Za-z._-]{0,64}:\d{1,12}$"
 
 MANY_POINTS = 10_000
 """Points of one history from which on it takes a thread for long, and much memory."""
@@ -57,12 +61,28 @@ def routes(
         shapes: Annotated[
             bool, Query(description="With the shapes of all modes, which are most of it.")
         ] = False,
+        after: Annotated[
+            str | None,
+            Query(
+                pattern=_POSITION,
+                description="BOOT:SEQUENCE of a state: instead of a span, the `max_points` "
+                "states that follow it, none left out; `:0` for the first ones.",
+                examples=["20261121T035959Z-7f3a:812"],
+            ),
+        ] = None,
     ) -> Response:
-        """States from `start` to `end`, both included."""
+        """States from `start` to `end`, both included, or all that follow one."""
         since, until = moment_of("start", start), moment_of("end", end)
+        if after is not None and (since or until):
+            raise ProblemError(
+                422, "not-valid", "after was given with start or end. Give one or the other."
+            )
 
         def history_document() -> bytes:
-            part = knowledge.history(twin_id, since, until, max_points)
+            if after is None:
+                part = knowledge.history(twin_id, since, until, max_points)
+            else:
+                part = _following(knowledge, twin_id, after, max_points)
             objects = state_texts(twin_id, part, shapes=shapes)
             if part.bands is None:
                 return points(objects)
@@ -88,3 +108,17 @@ def routes(
         return json_response({"id": twin_id, "sha256": digest, "features": count})
 
     return api
+
+
+def _following(knowledge: Knowledge, twin_id: str, after: str, limit: int) -> HistoryPart:
+    """Return the states that follow the one of a boot and a sequence."""
+    boot, _, sequence = after.rpartition(":")
+    number = knowledge.boot_number(twin_id, boot) if boot else 0
+    if number is None:
+        raise ProblemError(
+            404,
+            "no-such-boot",
+            f"{twin_id} has no boot {boot:.64}. Give one of its history, or :0 to begin with "
+            "the first state.",
+        )
+    return knowledge.since(twin_id, number << SHIFT | int(sequence) if boot else 0, limit)
