@@ -17,6 +17,9 @@ EXAMPLES: dict[str, str] = {
     "slowtime twin alarms deliveries demo.tower; kill %1",
     "twin holdings": "slowtime demo --duration 60 & sleep 25; slowtime twin holdings list; "
     "kill %1",
+    "twin outputs": """echo '{"outputs": {"a": {"kind": "mqtt", "host": "127.0.0.1"}}}' """
+    "> outputs.json; slowtime demo --duration 60 & sleep 25; "
+    "timeout 5 slowtime twin outputs outputs.json; kill %1",
     "twin event": "slowtime demo --duration 60 & sleep 25; "
     "slowtime twin event add demo.tower --kind note --text Inspected; "
     "slowtime twin event list demo.tower; kill %1",

@@ -82,6 +82,10 @@ TWIN = {
     "alarms": Verb(
         "twins.alarms:alarms", "Send a test alarm of a twin, and show deliveries of alarms."
     ),
+    "outputs": Verb(
+        "operation.outputs:outputs",
+        "Send states and events of a server to MQTT, InfluxDB and OPC UA.",
+    ),
     "holdings": Verb(
         "twins.holdings:holdings",
         "Show what a server has under way for your sites, and end it.",
@@ -242,7 +246,12 @@ NESTED = ("modes", "model", "twin", "db", "mcap")
 """Groups whose commands stood at top level until 0.2."""
 
 OLD_NAMES: Mapping[str, tuple[str, ...]] = {
-    **{name: (group, name) for group in NESTED for name in VERBS[group].verbs if name != "run"},
+    **{
+        name: (group, name)
+        for group in NESTED
+        for name in VERBS[group].verbs
+        if name not in ("run", "outputs")
+    },
     "status": ("router", "status"),
 }
 """Name at top level until 0.2 → words of today; understood until 0.4, with a warning."""
