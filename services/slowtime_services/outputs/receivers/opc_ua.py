@@ -144,9 +144,7 @@ class AddressSpace:
         told.SourceName = twin.id
         told.SourceNode = owner.nodeid
         told.Time = _time(event.t_ns)
-        told.Kind, told.EventName, told.SlowtimeEventId = (
-            event.kind, event.severity, event.event_id,
-        )  # fmt: skip
+        told.Kind, told.SlowtimeEventId = event.kind, event.event_id
         await self._events.trigger()
 
     def _quality(self, twin: RegisteredTwin) -> int:
@@ -238,7 +236,6 @@ async def serve(asyncua: Any, settings: OpcUaSettings) -> AddressSpace:
         index, "SlowtimeEventType", asyncua.ua.ObjectIds.BaseEventType,
         [
             ("Kind", asyncua.ua.VariantType.String),
-            ("EventName", asyncua.ua.VariantType.String),
             ("SlowtimeEventId", asyncua.ua.VariantType.String),
         ],
     )  # fmt: skip
