@@ -9,6 +9,7 @@ import asyncio
 import datetime
 import threading
 from collections.abc import Coroutine
+from pathlib import Path
 from typing import Any, TypeVar
 
 from slowtime_schemas.answers.history import EventModel
@@ -249,9 +250,17 @@ async def _secure(asyncua: Any, server: Any, settings: OpcUaSettings) -> None:
     if settings.certificate is None:
         server.set_security_policy([policies.NoSecurity])
         return
-    await server.load_certificate(str(settings.certificate))
-    await server.load_private_key(str(settings.key))
+    assert settings.key is not None  # the settings have both or neither
+    await server.load_certificate(*_with_format(settings.certificate))
+    key, form = _with_format(settings.key)
+    await server.load_private_key(key, format=form)
     server.set_security_policy([policies.Basic256Sha256_SignAndEncrypt])
+
+
+def _with_format(path: Path) -> tuple[bytes, str]:
+    """Return the content of a file and its format, which asyncua reads from its name only."""
+    content = path.read_bytes()
+    return content, "pem" if content.lstrip().startswith(b"-----BEGIN") else "der"
 
 
 def _users(asyncua: Any, settings: OpcUaSettings) -> Any:
