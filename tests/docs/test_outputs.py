@@ -6,6 +6,7 @@ from pathlib import Path
 
 from slowtime_services.outputs import OutputsSettings
 from slowtime_services.outputs.receivers import KINDS
+from slowtime_services.outputs.settings import MqttSettings, OpcUaSettings
 
 PAGE = (Path(__file__).parents[2] / "docs/outputs.md").read_text()
 BLOCKS = [tomllib.loads(text) for text in re.findall(r"^```toml\n(.*?)^```", PAGE, re.M | re.S)]
@@ -25,11 +26,9 @@ def test_every_kind_has_a_section():
 
 
 def test_defaults_are_those_of_the_settings():
-    outputs = {"a": {"kind": "opcua"}, "b": {"kind": "mqtt", "host": "127.0.0.1"}}
-    found = OutputsSettings(outputs=outputs)
-    one = found.outputs["a"]
-    assert f"{found.server}" in PAGE
+    one = OpcUaSettings(kind="opcua")
+    assert OutputsSettings.model_fields["server"].default in PAGE
     assert f"opc.tcp://{one.host}:{one.port}/slowtime/" in PAGE
     for name in ("backoff_s", "max_backoff_s", "timeout_s"):
         assert f"`{name}` ({getattr(one, name):g})" in PAGE
-    assert found.outputs["b"].prefix == "slowtime"
+    assert MqttSettings(kind="mqtt", host="127.0.0.1").prefix == "slowtime"

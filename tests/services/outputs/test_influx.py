@@ -26,7 +26,8 @@ class Database:
     """Keeps requests, and answers with what `answers` holds, then with 204."""
 
     def __init__(self, *answers):
-        self.requests, waiting = [], list(answers)
+        self.requests: list[tuple[str, dict[str, str], str]] = []
+        waiting = list(answers)
         database = self
 
         class Handler(http.server.BaseHTTPRequestHandler):

@@ -34,7 +34,7 @@ class Receiver:
 @pytest.fixture
 def working(server, tmp_path):
     """Start a worker of a receiver; all are ended."""
-    made = []
+    made: list[OutputWorker] = []
 
     def start(receiver, **more):
         positions = Positions(tmp_path / f"{len(made)}.json")

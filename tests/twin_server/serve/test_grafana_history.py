@@ -17,7 +17,11 @@ PANELS = {panel["title"]: panel["targets"][0] for panel in DASHBOARD["panels"]}
 TARGETS = {
     **PANELS, "alarms": ALARMS["target"], "twins": VARIABLE["query"]["infinityQuery"],
 }  # fmt: skip
-TYPES = {"timestamp_epoch": (int, float), "number": (int, float), "string": str}
+TYPES: dict[str, type | tuple[type, ...]] = {
+    "timestamp_epoch": (int, float),
+    "number": (int, float),
+    "string": str,
+}
 
 
 def selected(server, target):

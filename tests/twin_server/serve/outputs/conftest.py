@@ -7,6 +7,7 @@ import socket
 import subprocess
 import threading
 import time
+from typing import Any
 
 import pytest
 
@@ -24,7 +25,7 @@ class Program:
 
     def __init__(self, command, port):
         self._command, self.port = command, port
-        self._process = None
+        self._process: Any = None
         self.start()
 
     def start(self):
@@ -131,7 +132,7 @@ class Subscriber:
 
     def __init__(self, port, *topics, session="reader", clean=False):
         client_module = pytest.importorskip("paho.mqtt.client")
-        self.heard = []
+        self.heard: list[Any] = []
         self._there = threading.Event()
         client = self._client = client_module.Client(
             client_module.CallbackAPIVersion.VERSION2,

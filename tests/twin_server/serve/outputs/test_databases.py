@@ -59,7 +59,7 @@ class Victoria:
         self.settings = {"kind": "influx", "url": self.url, "database": "plant"}
 
     def sequences(self):
-        found = {}
+        found: dict[int, dict[str, float]] = {}
         for name in ("sequence", "frequency_hz", "frequency_hz_sd"):
             match = urllib.parse.quote(f"slowtime_state_{name}")
             try:
