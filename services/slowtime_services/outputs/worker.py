@@ -71,11 +71,12 @@ class OutputWorker:
             except (AnswerError, UnreachableError) as error:
                 wait_s = self._failed(str(error), False)
             except Exception as error:  # a fault of ours costs this attempt and no other output
-                if self._said != type(error).__name__:
+                why = f"A fault of this process: {type(error).__name__}."
+                if self._said != why:
                     logger.exception("The output %s failed.", self.name)
                 is_started = False
                 self._close()
-                wait_s = self._failed(type(error).__name__, False)
+                wait_s = self._failed(why, False)
             self._stop.wait(wait_s)
         self._close()
 
