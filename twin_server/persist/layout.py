@@ -42,9 +42,11 @@ from .tables.statements import insert
 logger = logging.getLogger(__name__)
 
 APPLICATION = 0x536C6F77
-VERSION = 256 * LAYOUT + 13
+VERSION = 256 * LAYOUT + 14
 """Layout of the states, and of the tables around them."""
 
+WITH_CURRENT_RUNS = 256 * LAYOUT + 13
+"""The version whose rows of boots say all that their features do; all else is the same."""
 WITHOUT_OUTLOOKS = 256 * LAYOUT + 12
 WITHOUT_CHAINED_ROWS = 256 * LAYOUT + 11
 """The version whose ledger covers registrations, features and reports only."""
@@ -61,6 +63,7 @@ _OLDER = tuple(range(256 * LAYOUT + 1, VERSION))
 _LATER = (LEDGER, HEADS, ASSET_EVENTS, FATIGUE, COMPOSITES, QUARANTINE, OUTLOOKS)
 _OF_ALARMS = (DELIVERIES, ACKNOWLEDGEMENTS, *_LATER)
 LACKING: dict[int, tuple[SqlTable, ...]] = {
+    WITH_CURRENT_RUNS: (),
     WITHOUT_OUTLOOKS: (OUTLOOKS,),
     WITHOUT_CHAINED_ROWS: (OUTLOOKS,),
     WITHOUT_QUARANTINE: _LATER[5:],
@@ -255,8 +258,7 @@ def chain_rows(writer: Any) -> None:
     """Chain all rows of an older version as they stand: what came before is not covered."""
     journal, ends = Journal(writer), ChainEnds()
     renew(writer, journal)
-    for owner, entries in journal.entries.items():
-        ends.append(writer, owner, entries)
+    ends.append(writer, journal.entries)
 
 
 def _add_lacking(writer: sqlite3.Connection, version: int) -> None:
@@ -273,7 +275,8 @@ def _add_lacking(writer: sqlite3.Connection, version: int) -> None:
             build_levels(writer)
         if LEDGER in tables:
             build_ledger(writer)
-        chain_rows(writer)
+        if version < WITH_CURRENT_RUNS:
+            chain_rows(writer)
         writer.execute(f"pragma user_version={VERSION}")
         writer.execute("commit")
     except BaseException:

@@ -20,6 +20,7 @@ from .errors import DamagedStoreError, StoreError, StoreInUseError, WrongStoreEr
 from .layout import (
     LACKING,
     VERSION,
+    WITH_CURRENT_RUNS,
     all_rows,
     build_levels,
     chain_rows,
@@ -166,7 +167,8 @@ class PostgresStore(SqlStore):
                     build_levels(writer)
                 if LEDGER in LACKING[version]:
                     build_ledger(writer)
-                chain_rows(writer)
+                if version < WITH_CURRENT_RUNS:
+                    chain_rows(writer)
                 writer.execute("insert into layouts values (?)", (VERSION,))
             return
         if version != VERSION:

@@ -1,4 +1,4 @@
--- Version 12. A feature's id is number << 40 | sequence: boots are numbered in the order in which
+-- Version 14. A feature's id is number << 40 | sequence: boots are numbered in the order in which
 -- they were let in, so that ascending ids are a twin's history in order. Each row has checksums
 -- of what it says (see sealing.py).
 create table twins (
@@ -10,6 +10,7 @@ create table twins (
   checkpoint text not null,
   crc integer not null
 );
+-- The row of a boot that only grows is behind its features (see twins.py).
 create table runs (
   number integer primary key,
   site text not null,

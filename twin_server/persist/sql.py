@@ -42,9 +42,9 @@ from .tables.counted import count_of, key_after
 from .tables.details import column, delete_details, insert_details
 from .tables.digests import HashedRow, RollingHash
 from .tables.levels import build, delete_levels, extend
-from .tables.search import SHIFT, Span, whole
+from .tables.search import SHIFT, Span, current_runs, whole
 from .tables.statements import Connection, absent, insert, last_number, note_number, select
-from .tables.twins import WrittenBoot, insert_events, write_runs, write_twins
+from .tables.twins import WrittenBoot, insert_events, write_twins
 
 _SEQUENCE = (1 << SHIFT) - 1
 
@@ -67,7 +67,7 @@ class SqlStore(SqlRecords):
     def runs(self) -> tuple[list[RunRow], int]:
         """All boots in order, and the number the next one gets."""
         with self._reading() as reader:
-            rows = select(reader, RUNS)
+            rows = current_runs(reader, select(reader, RUNS))
             kept = last_number(reader, "run") or 1
         runs = [RunRow(*row[:11])._replace(closed=bool(row[9])) for row in rows]
         return runs, max(kept, runs[-1].number + 1 if runs else 1)
@@ -103,7 +103,7 @@ class SqlStore(SqlRecords):
     ) -> list[int]:
         """Write all of a cut; the new hashes of its histories are put into `news`."""
         registered, twins = write_twins(writer, cut.twins)
-        written, runs = write_runs(writer, cut.runs, cut.features)
+        written, runs = self._runs.write(writer, cut.runs, cut.features)
         journal.know_boots({one.grown.number: one.twin_id for one in written})
         insert(
             writer,
@@ -218,6 +218,7 @@ class SqlStore(SqlRecords):
                 "fatigue", "quarantine", "outlooks",
             ):  # fmt: skip
                 writer.execute(f"delete from {table} where twin = ?", (twin_id,))
+            self._runs.forget()
             note_number(writer, "run", following)
             existed = writer.execute("delete from twins where id = ?", (twin_id,)).rowcount
             if existed > 0:

@@ -251,9 +251,9 @@ def cover_up(writer):
                 entries.append(now)
             elif entry.kind != "f":
                 entries.append(registration if entry.kind == "r" else entry)
-        ends.append(writer, twin, entries)
+        ends.append(writer, {twin: entries})
     for twin, (here, _) in owed.items():
-        ends.append(writer, twin, list(here.values()))
+        ends.append(writer, {twin: list(here.values())})
 
 
 def forged(house, tmp_path, forgery, seed, *, covered):

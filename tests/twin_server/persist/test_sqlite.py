@@ -23,6 +23,7 @@ from twin_server.persist import (
     open_store,
 )
 from twin_server.persist.sqlite import open_reader
+from twin_server.persist.tables.twins import GROWTH
 
 
 def run_row(number, *, last, asset="beam", closed=False):
@@ -79,6 +80,77 @@ def test_what_was_written_is_there_after_reopening(database):
     assert before[1] == again.count("lab.beam") == 3
     assert again.history("lab.beam").boots == {1: ("b1", "d")}
     again.close()
+
+
+def grow(store, sequence, **changed):
+    """Let boot 1 grow by one feature, as a pipeline does; return its account."""
+    run = RunRow(1, "lab", "beam", "b1", "d", sequence + 1, sequence, sequence, -1, False, "[]")
+    run = run._replace(**changed)
+    rows = feature_rows(1, [(sequence, sequence, float(sequence))])
+    store.write(WriteBatch(runs=[run], features=rows))
+    return run
+
+
+def written_next(store):
+    """Next sequence by the row of the only boot."""
+    with store._reading() as reader:
+        return reader.execute("select next from runs").fetchone()[0]
+
+
+def test_the_row_of_a_boot_that_only_grows_is_written_now_and_then(database):
+    store = open_store(database("x"))
+    store.write(WriteBatch(twins=[TwinRow("lab", "beam", "{}", "{}")]))
+    for sequence in range(2 * GROWTH):
+        run = grow(store, sequence)
+        assert written_next(store) == sequence // GROWTH * GROWTH + 1
+        assert store.runs() == ([run], 2)
+    assert told(store.history("lab.beam", limit=1, newest=True)) == [(1, run.last)]
+    before = store.digest("lab.beam")
+    store.close()
+    again = open_store(database("x"))
+    assert again.runs() == ([run], 2)
+    assert again.digest("lab.beam") == before
+    assert grow(again, run.last + 1) == again.runs()[0][0]
+    assert told(again.history("lab.beam", limit=1, newest=True)) == [(1, run.last + 1)]
+    again.close()
+
+
+@pytest.mark.parametrize(
+    "changed", [{"lost": "[[2, 2]]"}, {"told": 9}, {"closed": True}, {"next": 6}]
+)
+def test_what_does_not_follow_from_features_is_written_at_once(database, changed):
+    store = open_store(database("x"))
+    for sequence in (0, 1):
+        grow(store, sequence)
+    assert written_next(store) == 1
+    run = grow(store, 3, **changed)
+    assert written_next(store) == run.next
+    assert store.runs() == ([run], 2)
+    store.close()
+
+
+def test_a_slow_time_that_falls_is_noted_at_once(database):
+    store = open_store(database("x"))
+    for sequence, slow in enumerate((0.0, 2.0, 1.0)):
+        run = RunRow(
+            1, "lab", "beam", "b1", "d", sequence + 1, sequence, sequence, -1, False, "[]"
+        )
+        rows = feature_rows(1, [(sequence, sequence, slow)])
+        store.write(WriteBatch(runs=[run], features=rows))
+    assert written_next(store) == 3
+    assert told(store.history("lab.beam", slow_time=(1.5, None))) == [(1, 1)]
+    store.close()
+
+
+def test_a_write_that_fails_leaves_the_account_of_before(database):
+    store = open_store(database("x"))
+    grow(store, 0)
+    kept = grow(store, 1)
+    with pytest.raises(StoreError):
+        grow(store, 1)  # its id is there already
+    assert store.runs() == ([kept], 2)
+    assert grow(store, 2) == store.runs()[0][0]
+    store.close()
 
 
 runs = st.lists(

@@ -10,6 +10,7 @@ from twin_server.persist.history_hashes import HistoryHashes
 from twin_server.persist.tables import ledger as ledger_table
 from twin_server.persist.tables.checksums import SqlTable
 from twin_server.persist.tables.statements import Connection, select
+from twin_server.persist.tables.twins import RunWriter
 
 
 class SqlBase(abc.ABC):
@@ -18,6 +19,7 @@ class SqlBase(abc.ABC):
     def __init__(self) -> None:
         self._hashes = HistoryHashes()
         self._ends = ledger_table.ChainEnds()
+        self._runs = RunWriter()
         self._journal: Journal | None = None
 
     @abc.abstractmethod
@@ -39,13 +41,13 @@ class SqlBase(abc.ABC):
                 self._journal = Journal(writer)
                 try:
                     yield writer, self._journal
-                    for owner, entries in self._journal.entries.items():
-                        self._ends.append(writer, owner, entries)
+                    self._ends.append(writer, self._journal.entries)
                 finally:
                     self._journal = None
         except BaseException:
             # The last write may not have become durable.
             self._ends.forget()
+            self._runs.forget()
             raise
 
     def seal_with(self, seal: Callable[[bytes], bytes] | None) -> None:

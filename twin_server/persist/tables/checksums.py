@@ -19,6 +19,8 @@ class SqlTable(NamedTuple):
     """Names of the checksum and of what it covers."""
     key: str
     """What its rows are in the order of."""
+    places: tuple[tuple[int, ...], ...]
+    """Of each checksum, the places of the columns that it covers."""
 
     @property
     def all_columns(self) -> tuple[str, ...]:
@@ -27,8 +29,9 @@ class SqlTable(NamedTuple):
 
     def sealed(self, row: Sequence[object]) -> tuple[object, ...]:
         """Append the checksums to a row."""
-        at = dict(zip(self.columns, row, strict=True))
-        return (*row, *(seal(*(at[c] for c in covered)) for _, covered in self.seals))
+        if len(row) != len(self.columns):
+            raise ValueError(f"A row of {self.name} has {len(self.columns)} columns.")
+        return (*row, *[seal(*[row[place] for place in places]) for places in self.places])
 
     def is_sound(self, row: Sequence[object]) -> bool:
         """Whether the checksums of a row of all columns hold."""
@@ -39,7 +42,8 @@ class SqlTable(NamedTuple):
 def _table(name: str, columns: str, key: str, **seals: str) -> SqlTable:
     names = tuple(columns.split())
     covered = {n: tuple(c.split()) for n, c in seals.items()} or {"crc": names}
-    return SqlTable(name, names, tuple(covered.items()), key)
+    places = tuple(tuple(map(names.index, of_one)) for of_one in covered.values())
+    return SqlTable(name, names, tuple(covered.items()), key, places)
 
 
 TWINS = _table("twins", "id place site asset registration checkpoint", "place")
@@ -109,13 +113,13 @@ def seal(*values: object) -> int:
     >>> len({seal(1), seal(1.0), seal("1"), seal(b"1"), seal("a", "b"), seal("ab")})
     6
     """
-    found = 0
-    for value in values:
-        if type(value) is bytes:
-            found = zlib.crc32(value, zlib.crc32(b"b%d" % len(value), found))
-        else:
-            found = zlib.crc32(repr(value).encode("utf-8", "surrogatepass"), found)
-    return found
+    parts = [
+        b"b%d%b" % (len(value), value)
+        if type(value) is bytes
+        else repr(value).encode("utf-8", "surrogatepass")
+        for value in values
+    ]
+    return zlib.crc32(b"".join(parts))
 
 
 def damaged(what: str) -> DamagedStoreError:

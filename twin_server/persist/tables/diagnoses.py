@@ -3,11 +3,13 @@
 import zlib
 from typing import Any, NamedTuple
 
-from .checksums import DIAGNOSES, SqlTable, damaged, opened, seal
+from .checksums import DIAGNOSES, damaged, opened, seal
 from .counted import NUMBERED, count_of, next_keys
 from .statements import insert as insert_rows
 
-_BRIEF = SqlTable("diagnoses", DIAGNOSES.columns[:8], DIAGNOSES.seals[:1], "number")
+_BRIEF = DIAGNOSES._replace(
+    columns=DIAGNOSES.columns[:8], seals=DIAGNOSES.seals[:1], places=DIAGNOSES.places[:1]
+)
 
 
 class DiagnosisRow(NamedTuple):

@@ -7,7 +7,7 @@ row more. Chains and heads are described in `slowtime_services.ledger`.
 import hashlib
 import itertools
 import logging
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from slowtime_services.ledger import (
@@ -56,20 +56,22 @@ class ChainEnds:
         self._known.clear()
         self._whole = False
 
-    def append(self, writer: Any, twin_id: str, entries: Sequence[Entry]) -> None:
-        """Chain some entries to those of a twin."""
-        if not entries:
-            return
-        end = self._known.get(twin_id) or _end(writer, twin_id)
-        for first in range(0, len(entries), _AT_ONCE):
-            part = entries[first : first + _AT_ONCE]
-            block = packed(part)
-            end = followed(end, block)
-            if self.seal is not None:
-                seal = Entry(kinds.SEAL, 0, self.seal(end.digest)).written
-                block, end = block + seal, followed(end, seal)
-            insert_blocks(writer, [(twin_id, end.length, block, end.digest)])
-        self._known[twin_id] = end
+    def append(self, writer: Any, entries: Mapping[str, Sequence[Entry]]) -> None:
+        """Chain entries to those of their twins; the blocks of all are one statement."""
+        blocks: list[tuple[str, int, bytes, bytes]] = []
+        for twin_id, theirs in entries.items():
+            if not theirs:  # a chain begins with its first entry
+                continue
+            end = self._known.get(twin_id) or _end(writer, twin_id)
+            for first in range(0, len(theirs), _AT_ONCE):
+                block = packed(theirs[first : first + _AT_ONCE])
+                end = followed(end, block)
+                if self.seal is not None:
+                    seal = Entry(kinds.SEAL, 0, self.seal(end.digest)).written
+                    block, end = block + seal, followed(end, seal)
+                blocks.append((twin_id, end.length, block, end.digest))
+            self._known[twin_id] = end
+        insert_blocks(writer, blocks)
 
     def all(self, reader: Any) -> dict[str, Link]:
         """Return the ends of all chains, those of deleted twins among them."""
@@ -161,7 +163,7 @@ def build_ledger(writer: Any, tell: Callable[[str], None] = logger.info) -> None
     ends = ChainEnds()
     for row in twins:
         twin_id, registration = row[0], row[TWINS.columns.index("registration")]
-        ends.append(writer, twin_id, [of_registration(registration)])
+        ends.append(writer, {twin_id: [of_registration(registration)]})
         for span in whole(writer, twin_id):
             found = writer.execute(
                 f"select {', '.join(FEATURES.all_columns)} from features "
@@ -171,7 +173,7 @@ def build_ledger(writer: Any, tell: Callable[[str], None] = logger.info) -> None
             rows = iter(found.fetchall())
             while part := opened(FEATURES, itertools.islice(rows, _AT_ONCE)):
                 entries = list(of_features((row[:4] for row in part), span.boot))
-                ends.append(writer, twin_id, entries)
+                ends.append(writer, {twin_id: entries})
 
 
 def _end(reader: Any, twin_id: str) -> Link:

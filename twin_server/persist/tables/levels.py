@@ -106,21 +106,24 @@ def coarse(
 
 def whole_states(reader: Any, first: int, last: int) -> Buckets:
     """Read states as buckets of one each."""
-    rows = list(
-        reader.execute(
-            "select id, state, state_crc from features where id between ? and ? order by id",
-            (first, last),
-        )
-    )
-    for key, state, crc in rows:
-        if seal(key, state) != crc:
-            raise damaged(f"The state of feature {key & _LOW} of boot number {key >> SHIFT}")
+    rows = _state_rows(reader, first, last)
     keys = [row[0] for row in rows]
     states = from_bytes(row[1] for row in rows)
     if not has_details(reader, keys):
         return Buckets.of_states(keys, states)
     bodies = column(reader, keys, "body") or [None] * len(keys)
     return Buckets.of_states(keys, states, changes(reader, keys), bodies)
+
+
+def _state_rows(reader: Any, first: int, last: int) -> list[tuple[int, bytes]]:
+    rows = reader.execute(
+        "select id, state, state_crc from features where id between ? and ? order by id",
+        (first, last),
+    ).fetchall()
+    for key, state, crc in rows:
+        if seal(key, state) != crc:
+            raise damaged(f"The state of feature {key & _LOW} of boot number {key >> SHIFT}")
+    return [(key, state) for key, state, _ in rows]
 
 
 def _filled(one: GrownBoot, level: int) -> tuple[int, int]:
@@ -133,29 +136,55 @@ def _below(writer: Any, level: int, ranges: Sequence[tuple[int, int]]) -> Iterat
     """Make buckets of a level out of the one below it."""
     parts: list[Buckets] = []
     held = 0
+    for part in _finer(writer, level - 1, ranges):
+        if held and (part.quantities.shape[1] != parts[-1].quantities.shape[1]):
+            yield _grouped(parts, level)
+            parts, held = [], 0
+        parts.append(part)
+        held += len(part)
+        if held >= _AT_ONCE:
+            yield _grouped(parts, level)
+            parts, held = [], 0
+    if held:
+        yield _grouped(parts, level)
+
+
+def _finer(reader: Any, level: int, ranges: Sequence[tuple[int, int]]) -> Iterator[Buckets]:
+    """Read the buckets of ranges of ids; at level 0 states, those without details together."""
+    rows: list[tuple[int, bytes]] = []
+    for begin, end in _stretches(reader, level, ranges):
+        if level:
+            yield _read(reader, level, begin, end)
+            continue
+        detailed = has_details(reader, [begin, end])
+        if not detailed:
+            rows += _state_rows(reader, begin, end)
+        if rows and (detailed or len(rows) >= _AT_ONCE):
+            yield Buckets.of_states([key for key, _ in rows], from_bytes(s for _, s in rows))
+            rows = []
+        if detailed:
+            yield whole_states(reader, begin, end)
+    if rows:
+        yield Buckets.of_states([key for key, _ in rows], from_bytes(s for _, s in rows))
+
+
+def _stretches(
+    reader: Any, level: int, ranges: Sequence[tuple[int, int]]
+) -> Iterator[tuple[int, int]]:
+    """Cut ranges of ids into parts that are read at once, without those that are empty."""
+    bits = BITS * level
+    size = _AT_ONCE << bits
     for first, last in ranges:
-        bits = BITS * (level - 1)
-        begin = _next_key(writer, level - 1, first, last)
+        if last - first < size:
+            yield first, last
+            continue
+        begin = _next_key(reader, level, first, last)
         while begin is not None:
             # A boot's sequences may leap; the buckets of a leap are empty.
             begin = begin >> bits << bits
-            end = min(begin + (_AT_ONCE << bits) - 1, last)
-            part = (
-                whole_states(writer, begin, end)
-                if level == 1
-                else _read(writer, level - 1, begin, end)
-            )
-            begin = _next_key(writer, level - 1, end + 1, last)
-            if held and (part.quantities.shape[1] != parts[-1].quantities.shape[1]):
-                yield _grouped(parts, level)
-                parts, held = [], 0
-            parts.append(part)
-            held += len(part)
-            if held >= _AT_ONCE:
-                yield _grouped(parts, level)
-                parts, held = [], 0
-    if held:
-        yield _grouped(parts, level)
+            end = min(begin + size - 1, last)
+            yield begin, end
+            begin = _next_key(reader, level, end + 1, last)
 
 
 def _next_key(writer: Any, level: int, first: int, last: int) -> int | None:

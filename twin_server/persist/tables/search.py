@@ -1,12 +1,15 @@
-"""Finds the features of a time span within a boot by bisection, without an index."""
+"""Finds the features of a boot and of a time span within it, by bisection without an index."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from .checksums import RUNS, opened
+from .checksums import FEATURES, RUNS, opened
+from .statements import select
 
 SHIFT = 40
 """Bits of the sequence in a feature id; the boot number is above them."""
+
+_SEQUENCE = (1 << SHIFT) - 1
 
 
 class Span(NamedTuple):
@@ -35,6 +38,30 @@ def of_number(connection: Any, number: int) -> Span | None:
     return next(iter(_spans(connection, "number = ?", number)), None)
 
 
+def grown_run(
+    row: Sequence[Any], sequence: int, t_ns: int, slow_time: float
+) -> tuple[Any, ...]:
+    """Return the row of a boot that has grown by one more feature and not changed otherwise."""
+    return (*row[:5], sequence + 1, sequence, t_ns, *row[8:12], slow_time, row[13])
+
+
+def current_runs(reader: Any, rows: Sequence[Sequence[Any]]) -> list[tuple[Any, ...]]:
+    """Bring rows of boots up to date with their newest features.
+
+    The row of a boot that only grows is behind its features (see `twins.RunWriter`).
+    """
+    found = []
+    for row in rows:
+        number, last, is_closed = row[0], row[6], row[9]
+        if not is_closed:
+            ids = (number << SHIFT) + last + 1, (number << SHIFT) + _SEQUENCE
+            newest = select(reader, FEATURES, "where id between ? and ?", ids, 1, newest=True)
+            for key, t_ns, slow_time, *_ in newest:
+                row = grown_run(row, key & _SEQUENCE, t_ns, slow_time)
+        found.append(tuple(row))
+    return found
+
+
 def first_after(connection: Any, span: Span, t_ns: int) -> int:
     """Least id in `span` of a later sensor time; one past its end if there is none."""
     return _where(connection, span, "t_ns", t_ns, inclusive=False)
@@ -45,7 +72,8 @@ def _spans(connection: Any, where: str, parameter: object) -> list[Span]:
         f"select {', '.join(RUNS.all_columns)} from runs where {where} order by number",
         (parameter,),
     )
-    runs = [dict(zip(RUNS.columns, row, strict=True)) for row in opened(RUNS, rows)]
+    current = current_runs(connection, opened(RUNS, rows))
+    runs = [dict(zip(RUNS.columns, row, strict=True)) for row in current]
     return [
         Span(
             run["number"],

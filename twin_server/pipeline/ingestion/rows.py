@@ -74,7 +74,7 @@ def run_row(run: Run, unit: str) -> RunRow:
     """Make the row of a boot's account."""
     return RunRow(
         run.number, run.site, run.asset, run.boot, unit, run.next, run.last, run.last_t_ns,
-        run.told, run.closed, json.dumps(run.lost),
+        run.told, run.closed, json.dumps(run.lost) if run.lost else "[]",
     )  # fmt: skip
 
 

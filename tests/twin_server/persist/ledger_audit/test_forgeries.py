@@ -154,7 +154,7 @@ def test_forged_rows_with_forged_entries_are_not_signed(copy, key):
     def with_entry(house, writer, table):
         [row] = forging.edit(house, writer, table)
         changed = forging.with_column(table, row, "body", row[-1] + "x")
-        ends.append(writer, row[1], [COVERED["deliveries"].written(changed)])
+        ends.append(writer, {row[1]: [COVERED["deliveries"].written(changed)]})
         return [row]
 
     from twin_server.persist.tables.ledger import ChainEnds

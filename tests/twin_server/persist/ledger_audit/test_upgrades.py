@@ -116,7 +116,7 @@ def delete_and_register_again(path):
 def _chain(path, kind):
     with contextlib.closing(SqliteStore(path, verify=False)) as store:
         with store._writing() as writer:
-            ChainEnds().append(writer, "lab.beam", [of_act(kind)])
+            ChainEnds().append(writer, {"lab.beam": [of_act(kind)]})
             store._ends.forget()
         store.renew_basis()
 

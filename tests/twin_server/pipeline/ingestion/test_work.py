@@ -1,11 +1,24 @@
 """Work of one message: bounded by its size, whatever it says."""
 
+import collections
 import logging
 
 import pytest
 
 from benchmarks.processes.hostile_work import MOST_SINGLE, MOST_TOTAL, compared, counted
 from twin_server.persist import FeatureRow, RunRow, SqliteStore, WriteBatch
+from twin_server.pipeline import Pipeline
+from twin_server.settings import TwinSettings
+
+ASSETS = 200
+"""Assets that send one message each in a batch."""
+LEARNT = 21
+"""Messages of each before: the nominal is learnt from the first twenty."""
+MOST_OTHERS = 10
+"""Statements of such a batch beside a row and a block of the ledger for each message."""
+MOST_LOG_BYTES = 16_000
+"""Of the write-ahead log for each of them: rows of assets lie apart, each on a page of 4 kB,
+and pages are split."""
 
 
 @pytest.mark.long
@@ -34,4 +47,31 @@ def test_a_leap_of_the_sequence_is_not_walked_through_where_it_is_stored(tmp_pat
     _, near = counted(lambda: write(20 + 8))
     _, far = counted(lambda: write(leap))
     assert far < 4 * near + 2_000
+    store.close()
+
+
+def test_a_message_of_each_of_many_assets_writes_its_row_and_a_block(
+    tmp_path, features, sample
+):
+    store = SqliteStore(tmp_path / "twin.sqlite", synchronous="NORMAL")
+    pipeline = Pipeline(TwinSettings(database=tmp_path / "twin.sqlite"), store)
+
+    def take(sequence):
+        messages = (features(sequence, asset=f"a{n}") for n in range(ASSETS))
+        pipeline.ingest(map(sample, messages))
+
+    for sequence in range(LEARNT):
+        take(sequence)
+    statements = collections.Counter()
+    store._writer.set_trace_callback(lambda text: statements.update([text.split("(")[0]]))
+    before = store._ground.log_bytes
+    take(LEARNT)
+    written = store._ground.log_bytes - before
+    store._writer.set_trace_callback(None)
+    assert pipeline.counts["accepted"] == (LEARNT + 1) * ASSETS
+    inserted = {text.split()[2] for text in statements if text.startswith("insert")}
+    assert inserted == {"features", "ledger"}
+    others = [n for text, n in statements.items() if not text.startswith("insert")]
+    assert sum(others) <= MOST_OTHERS
+    assert 0 < written <= MOST_LOG_BYTES * ASSETS
     store.close()
