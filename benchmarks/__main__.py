@@ -16,6 +16,7 @@ from .methods import (
 from .methods.calibration import bench as calibration_bench
 from .processes import (
     edge_startup,
+    ingestion,
     ledger,
     server,
     shared_diagnosis,
@@ -73,6 +74,7 @@ def main() -> int:
         ("Forecasts across repairs", lambda: repairs.main(["--histories", "20"])),
         ("Models with effects", plant.main),
         ("Transport and recordings", transport.main),
+        ("Messages of one and of a thousand assets", ingestion.main),
         ("The ledger", lambda: ledger.main([])),
         (
             "Long histories and many callers of the server",

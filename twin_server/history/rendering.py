@@ -44,15 +44,15 @@ def state_objects(
 
 def state_messages(
     states: States,
-    site: str,
-    asset: str,
+    addresses: Sequence[tuple[str, str]],
     boots: Sequence[str],
     units: Sequence[str],
     bodies: Bodies = (),
 ) -> Iterator[bytes]:
-    """Each state as the message `TwinState`."""
-    for row, boot, unit, body in zip(
-        states.tolist(), boots, units, bodies or repeat(None, len(states)), strict=True
+    """Each state as the message `TwinState` of the site and asset at its place."""
+    bodies = bodies or repeat(None, len(states))
+    for row, (site, asset), boot, unit, body in zip(
+        states.tolist(), addresses, boots, units, bodies, strict=True
     ):
         if body is not None and len(body) > _MOST_BYTES:
             body = without_shapes(body)

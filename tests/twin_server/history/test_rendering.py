@@ -40,7 +40,7 @@ def states(draw):
 @settings(max_examples=200, deadline=None)
 @given(state=states(), unit=st.text(min_size=1, max_size=5))
 def test_a_state_is_the_message_and_the_model_it_claims_to_be(state, unit):
-    (message,) = state_messages(state, "lab", "beam", ["b1"], [unit])
+    (message,) = state_messages(state, [("lab", "beam")], ["b1"], [unit])
     decoded = TwinState.model_validate_json(message, strict=True)
     (text,) = state_objects(state, "lab.beam", ["b1"], [unit])
     shown = State.model_validate_json(text)

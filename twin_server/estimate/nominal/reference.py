@@ -125,8 +125,13 @@ def _fill_in_nominals(
             notices.append(_learnt(lesson.used - 1, checkpoint))
     known = checkpoint.known
     if known is not None:
-        numbers = np.array(dataclasses.astuple(known))
-        nominals.put(rows[begins:], np.tile(numbers, (len(rows) - begins, 1)))
+        numbers = (
+            known.frequency_hz,
+            known.frequency_relative_sd,
+            known.damping_ratio,
+            known.damping_relative_sd,
+        )
+        nominals.put(rows[begins:], np.broadcast_to(numbers, (len(rows) - begins, 4)))
     return checkpoint, notices
 
 

@@ -84,17 +84,20 @@ def estimate_next(
                 registration_event(*key, default, "by its first features", now_ns)
             )
             cut.twins.append(twin_row(key, twins[key]))
+    before = [twins[key] for key in keys]
     batch = EstimateBatch(
-        [twins[key] for key in keys],
+        before,
         [o.features for o in ordered],
         owners,
         [o.missing_before for o in ordered],
         [o.covered for o in ordered],
     )
     found, failed = estimating(batch, [o.payload for o in ordered])
-    for key, checkpoint, notices in zip(keys, found.checkpoints, found.notices, strict=True):
-        if checkpoint != twins[key].checkpoint:
-            twins[key] = twins[key]._replace(checkpoint=checkpoint)
+    for key, twin, checkpoint, notices in zip(
+        keys, before, found.checkpoints, found.notices, strict=True
+    ):
+        if checkpoint is not twin.checkpoint and checkpoint != twin.checkpoint:
+            twins[key] = twin._replace(checkpoint=checkpoint)
             cut.twins.append(twin_row(key, twins[key]))
         cut.events += [derived_event(ordered[n.row].features, n) for n in notices]
     cut.features += [

@@ -7,6 +7,8 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from slowtime_schemas.codec import encode
 from slowtime_schemas.messages import Acknowledgement, Registered
 from slowtime_schemas.streams import ACK, EVENT, REGISTRATION, STATE
@@ -21,7 +23,7 @@ from twin_server.persist import EventRow
 
 from .estimation import NO_BOOT, BatchEstimate
 from .leader_election import LeaderElection
-from .rows import body_of
+from .rows import address, body_of
 from .updates import TwinUpdate, UpdateListener
 
 logger = logging.getLogger(__name__)
@@ -105,30 +107,32 @@ class StatePublisher:
             self._publish(
                 EVENT.key(event.site, event.asset), event.body.encode(), EVENT.encoding
             )
-        rows: list[list[int]] = [[] for _ in fresh.keys]
-        for row, owner in enumerate(fresh.owners):
-            rows[owner].append(row)
-        all_of_them = len(ordered) <= self._states_per_batch
-        for key, of_twin in zip(fresh.keys, rows, strict=True):
-            theirs = found.states[of_twin]
-            runs = [
-                (run.number, run.boot, units[run.number])
-                for run in (ordered[row].run for row in of_twin)
-            ]
-            bodies = [body_of(found.details[row]) for row in of_twin] if found.details else ()
-            shown = slice(None) if all_of_them else slice(-1, None)
-            if self._bus is not None:
-                _, boots, names = zip(*runs[shown], strict=True)
-                for message in state_messages(
-                    theirs[shown], *key, boots, names, part(bodies, shown)
-                ):
-                    self._publish(STATE.key(*key), message, STATE.encoding)
-            news = TwinUpdate(".".join(key), theirs, runs, events.pop(key, ()), bodies)
+        updates = _updates(ordered, fresh, units, events)
+        if self._bus is not None:
+            self._publish_states(updates, len(ordered) > self._states_per_batch)
+        for news in updates:
             for listener in self._listeners:
                 listener.tell(news)
         for key, others in events.items():
             for listener in self._listeners:
                 listener.tell(TwinUpdate(".".join(key), found.states[:0], (), others))
+
+    def _publish_states(self, updates: Sequence[TwinUpdate], newest_only: bool) -> None:
+        """Publish the states of all twins, or the newest of each, rendered in one go."""
+        shown = slice(-1, None) if newest_only else slice(None)
+        parts = [news.states[shown] for news in updates]
+        addresses, boots, units = [], [], []
+        bodies: list[bytes | None] = []
+        for news, states in zip(updates, parts, strict=True):
+            addresses += [address(news.twin_id)] * len(states)
+            boots += [boot for _, boot, _ in news.runs[shown]]
+            units += [unit for *_, unit in news.runs[shown]]
+            bodies += part(news.bodies, shown) or [None] * len(states)
+        if parts:
+            together = np.concatenate(parts)
+            messages = state_messages(together, addresses, boots, units, bodies)
+            for key, message in zip(addresses, messages, strict=True):
+                self._publish(STATE.key(*key), message, STATE.encoding)
 
     def reset(self, twin_id: str) -> None:
         """Note that a twin's history has been rewritten or deleted."""
@@ -222,6 +226,31 @@ class StatePublisher:
             # History is durable and REST answers: a bus that fails stops nothing else.
             self._counts["not_published"] += 1
             logger.exception("A message on %s could not be published.", key)
+
+
+def _updates(
+    ordered: Sequence[Ordered],
+    fresh: BatchEstimate,
+    units: Mapping[int, str],
+    events: dict[tuple[str, str], list[tuple[int, str]]],
+) -> list[TwinUpdate]:
+    """Make the update of each twin that has new states, with its events, which are used up."""
+    found = fresh.found
+    rows: list[list[int]] = [[] for _ in fresh.keys]
+    for row, owner in enumerate(fresh.owners):
+        rows[owner].append(row)
+    states = found.states[[row for of_twin in rows for row in of_twin]]
+    updates, begin = [], 0
+    for key, of_twin in zip(fresh.keys, rows, strict=True):
+        runs = [
+            (run.number, run.boot, units[run.number])
+            for run in (ordered[row].run for row in of_twin)
+        ]
+        bodies = [body_of(found.details[row]) for row in of_twin] if found.details else ()
+        theirs = states[begin : begin + len(of_twin)]
+        updates.append(TwinUpdate(".".join(key), theirs, runs, events.pop(key, ()), bodies))
+        begin += len(of_twin)
+    return updates
 
 
 def acknowledgement(run: Run, proof: AcknowledgedRange, now_ns: int) -> bytes:
