@@ -50,9 +50,9 @@ def state_messages(
     bodies: Bodies = (),
 ) -> Iterator[bytes]:
     """Each state as the message `TwinState` of the site and asset at its place."""
-    bodies = bodies or repeat(None, len(states))
+    details = bodies or repeat(None, len(states))
     for row, (site, asset), boot, unit, body in zip(
-        states.tolist(), addresses, boots, units, bodies, strict=True
+        states.tolist(), addresses, boots, units, details, strict=True
     ):
         if body is not None and len(body) > _MOST_BYTES:
             body = without_shapes(body)

@@ -62,11 +62,13 @@ def test_a_message_of_each_of_many_assets_writes_its_row_and_a_block(
 
     for sequence in range(LEARNT):
         take(sequence)
-    statements = collections.Counter()
+    statements: collections.Counter[str] = collections.Counter()
+    ground = store._ground
+    assert ground is not None
     store._writer.set_trace_callback(lambda text: statements.update([text.split("(")[0]]))
-    before = store._ground.log_bytes
+    before = ground.log_bytes
     take(LEARNT)
-    written = store._ground.log_bytes - before
+    written = ground.log_bytes - before
     store._writer.set_trace_callback(None)
     assert pipeline.counts["accepted"] == (LEARNT + 1) * ASSETS
     inserted = {text.split()[2] for text in statements if text.startswith("insert")}
