@@ -7,18 +7,20 @@ that a small edge, which may well simulate a tower, does not have.
 
 import dataclasses
 import functools
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from jaxtyping import Float
 from pydantic import Field, model_validator
 
-from slowtime.dynamics.description import Description, DescriptionError, assemble
+from slowtime.dynamics.description import Description, DescriptionError, Spring, assemble
 from slowtime.dynamics.modes import undamped_modes
 from slowtime_schemas.files.model import ModelFile
 
+from .evolutions import Evolution, Unchanged, renewals
 from .field_types import NotNegative, Positive
-from .measurement import EvolvingStructure, Record
+from .measurement import LASTING, EvolvingStructure, Record
 
 
 class SimulatedModel(EvolvingStructure):
@@ -26,12 +28,14 @@ class SimulatedModel(EvolvingStructure):
 
     Inputs are Gaussian, white within `band_hz`, and are sent beside the sensors' channels, free
     of noise; a sensor's noise is `sensor.noise` times what it would show on average without
-    the effects.
+    the effects. A temperature acts on the stiffness of all elements alike.
 
     Parameters
     ----------
     model
         The structure as it is, before the effects.
+    stiffness
+        Element → relative change in slow time; the others stay.
     effects
         Entries as a model file has them, that nobody is told of.
     enters
@@ -46,6 +50,7 @@ class SimulatedModel(EvolvingStructure):
 
     kind: Literal["model"] = "model"
     model: ModelFile
+    stiffness: dict[str, Evolution] = Field(default_factory=dict)
     effects: tuple[dict[str, Any], ...] = ()
     enters: Annotated[int, Field(ge=0)] = 0
     leaves: Annotated[int, Field(ge=0)] | None = None
@@ -59,10 +64,16 @@ class SimulatedModel(EvolvingStructure):
                 "The model has no inputs, or no sensors. List what shakes it under `inputs`, "
                 "and what listens under `sensors`."
             )
+        elements = [element.id for element in self.model.elements]
+        if strange := ", ".join(sorted(self.stiffness.keys() - set(elements))):
+            raise ValueError(
+                f"{strange} in `stiffness` is no element of the model. Name one of: "
+                f"{', '.join(elements)}."
+            )
         from slowtime.dynamics.effects import read_effects
 
         try:
-            read_effects(self._described(1.0))
+            read_effects(self._described(0, entered=True))
         except DescriptionError as error:
             raise ValueError(f"{error} Correct `effects`.") from error
         return self
@@ -80,17 +91,44 @@ class SimulatedModel(EvolvingStructure):
         return (*(one.unit for one in sensors), *(one.unit for one in inputs))
 
     def truth(self, epoch: int) -> dict[str, float]:
-        """Return that each element's stiffness is as built, and whether effects are present."""
-        known = {f"element.{element.id}": 0.0 for element in self.model.elements}
+        """Return the true changes of the elements, and whether effects are present.
+
+        ``element.storey1`` …; with a temperature also ``lasting.element.storey1`` …, without
+        what that does.
+        """
+        lasting = self._lasting(epoch)
+        known = {
+            f"element.{name}": self._warmed(change, epoch) for name, change in lasting.items()
+        }
+        if self.temperature is not None:
+            known |= {f"{LASTING}element.{name}": change for name, change in lasting.items()}
         return known | {"effects": float(self._entered(epoch))}
+
+    def renewals(self, epoch: int) -> int | None:
+        """Return the number of renewals of elements before an epoch."""
+        return renewals(self.stiffness.values(), epoch * self.slow_time_step)
+
+    def _lasting(self, epoch: int) -> dict[str, float]:
+        """Relative change of every element's stiffness, without what the temperature does."""
+        slow_time = epoch * self.slow_time_step
+        return {
+            element.id: self.stiffness.get(element.id, Unchanged()).at(slow_time)
+            for element in self.model.elements
+        }
 
     def _entered(self, epoch: int) -> bool:
         return self.enters <= epoch and (self.leaves is None or epoch < self.leaves)
 
-    def _described(self, entered: float) -> Description:
+    def _described(self, epoch: int, *, entered: bool) -> Description:
         from slowtime_services.models import description_of
 
         built = description_of(self.model)
+        if self.stiffness or self.temperature is not None:
+            changes = {
+                name: self._warmed(lasting, epoch)
+                for name, lasting in self._lasting(epoch).items()
+            }
+            built = _softened(built, changes)
         if not entered:
             return built
         return dataclasses.replace(built, effects=(*built.effects, *self.effects))
@@ -104,13 +142,13 @@ class SimulatedModel(EvolvingStructure):
     @functools.cached_property
     def _noise_sd(self) -> Float[np.ndarray, " channel"]:
         """Standard deviation of each channel's noise; inputs have none."""
-        quiet = self._run(self._described(0.0), np.random.default_rng(self.seed))
+        quiet = self._run(self._described(0, entered=False), np.random.default_rng(self.seed))
         heard = quiet.std(axis=0) * self.sensor.noise
         heard[len(self.model.sensors) :] = 0.0
         return np.asarray(heard)
 
     def _response(self, epoch: int, rng: np.random.Generator) -> Record:
-        return self._run(self._described(float(self._entered(epoch))), rng)
+        return self._run(self._described(epoch, entered=self._entered(epoch)), rng)
 
     def _run(self, description: Description, rng: np.random.Generator) -> Record:
         from slowtime_services.models import run_model
@@ -126,3 +164,13 @@ class SimulatedModel(EvolvingStructure):
         lines[(frequency < low) | (frequency > high) | (frequency == 0.0)] = 0.0
         white = np.fft.irfft(lines, self.samples)
         return np.asarray(self.input_rms * white / white.std())
+
+
+def _softened(built: Description, changes: Mapping[str, float]) -> Description:
+    """Return a description whose elements' stiffnesses have changed, each by its own share."""
+    elements = []
+    for element in built.elements:
+        field = "stiffness_n_per_m" if isinstance(element, Spring) else "bending_stiffness_n_m2"
+        stiffness = (1.0 + changes[element.id]) * getattr(element, field)
+        elements.append(dataclasses.replace(element, **{field: stiffness}))
+    return dataclasses.replace(built, elements=tuple(elements))

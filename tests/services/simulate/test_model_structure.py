@@ -77,6 +77,36 @@ def test_noise_is_a_share_of_what_a_sensor_shows_and_inputs_have_none():
     assert noise[2] == 0.0
 
 
+def test_age_and_temperature_act_on_the_stiffness_and_are_told_as_the_truth():
+    ageing = {"kind": "linear", "rate": -0.01, "limit": -0.5}
+    warm = {"swing_c": 10.0, "period": 8.0, "mean_c": 12.0, "stiffness_per_c": -0.002}
+    structure = made(
+        effects=(), stiffness={"j1": ageing}, temperature=warm,
+        sensor={"noise": 0.0, "dtype": "<f8"},
+    )  # fmt: skip
+    truth = structure.truth(2)
+    assert truth["lasting.element.j1"] == pytest.approx(-0.02)
+    assert truth["lasting.element.j2"] == 0.0
+    assert truth["element.j1"] == pytest.approx(0.98 * 0.98 - 1.0)  # 22 °C: a quarter period
+    assert truth["element.j2"] == pytest.approx(-0.02)
+    (block,) = structure.epoch(2)
+    assert block.covariates["temperature_c"] == pytest.approx(22.0)
+    elements = [
+        element | {"stiffness_n_per_m": 4000.0 * (1.0 + truth[f"element.{element['id']}"])}
+        for element in MODEL["elements"]
+    ]
+    same = made(
+        model=MODEL | {"elements": elements}, effects=(), sensor={"noise": 0.0, "dtype": "<f8"}
+    )
+    np.testing.assert_allclose(block.samples, same.epoch(2)[0].samples, atol=1e-9)
+
+
+def test_a_renewal_of_an_element_is_counted():
+    renewed = {"j1": {"kind": "linear", "rate": -0.01, "renewed_after": 2.0}}
+    assert [made(stiffness=renewed).renewals(number) for number in (0, 1, 2, 5)] == [0, 0, 1, 2]
+    assert made().renewals(5) is None
+
+
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
