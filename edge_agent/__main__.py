@@ -156,6 +156,7 @@ def _run_boot(
             origin.boot,
             max_bytes=settings.spool.max_bytes,
             segment_bytes=settings.spool.segment_bytes,
+            keep_acknowledged_s=settings.spool.keep_acknowledged_s,
             fsync=settings.spool.fsync,
         )
         stack.callback(spool.close)

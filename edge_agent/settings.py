@@ -74,6 +74,9 @@ class SimulatedInput(Immutable):
     every_s: NotNegative = 0.5
     """From one epoch to the next on the wall's clock; 0 for as fast as possible."""
     first_epoch: Annotated[int, Field(ge=0)] = 0
+    hold: Path | None = None
+    """While this file exists, no epoch begins: a sped-up calendar stands still as long as
+    something takes real time."""
 
 
 class FileInput(Immutable):
@@ -279,6 +282,10 @@ class SpoolSettings(Immutable):
     """When the disk is waited for: before each feature is sent, when a segment is full, or
     never. Only the first loses nothing where the power fails; a killed process loses nothing
     either way."""
+    keep_acknowledged_s: NotNegative = 0.0
+    """How long features stay once the twin has acknowledged them. A recorder that finds the
+    router again later than the twin asks the spool for what it has missed: give as long as an
+    outage may last, such as 600, where recordings must be whole."""
 
 
 class PublishSettings(Immutable):

@@ -48,10 +48,15 @@ class Pacer:
         self._clock, self._stop = clock, stop
         self._began_ns = clock.elapsed_ns()
 
+    @property
+    def elapsed_s(self) -> float:
+        """Time since the start [s]."""
+        return (self._clock.elapsed_ns() - self._began_ns) / 1e9
+
     def wait_until(self, seconds: float) -> bool:
         """Return once `seconds` have passed since the start; False if stopped before."""
         while not self._stop.is_set():
-            left = seconds - (self._clock.elapsed_ns() - self._began_ns) / 1e9
+            left = seconds - self.elapsed_s
             if left <= 0:
                 return True
             self._clock.sleep(min(left, 0.1))

@@ -18,6 +18,7 @@ import json
 import logging
 import os
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -56,6 +57,8 @@ class _Segment:
     last: int
     count: int
     size: int
+    acknowledged_s: float | None = None
+    """Monotonic time at which all of it was acknowledged; None before."""
 
 
 class Spool:
@@ -76,6 +79,8 @@ class Spool:
         returns, so that a power cut loses nothing; ``"segment"``: each segment is when it is
         full, or closed; ``"never"``: when the system likes. What was appended survives the
         death of the process in any case.
+    keep_acknowledged_s
+        How long acknowledged features stay, for a recorder that asks later than the twin [s].
     """
 
     def __init__(
@@ -86,10 +91,11 @@ class Spool:
         max_bytes: int = 256 * 2**20,
         segment_bytes: int = 256 * 2**10,
         fsync: Literal["never", "segment", "always"] = "segment",
+        keep_acknowledged_s: float = 0.0,
     ) -> None:
         self.folder, self.boot = folder, boot
         self._max_bytes, self._segment_bytes = max_bytes, segment_bytes
-        self._fsync = fsync
+        self._fsync, self._keep_s = fsync, keep_acknowledged_s
         self._lock = threading.RLock()
         self._file: int | None = None
         self._dropped = 0
@@ -178,6 +184,7 @@ class Spool:
                     "Make room on the disk, or lower spool.max_bytes."
                 ) from error
             segment.last, segment.count = sequence, segment.count + 1
+            segment.acknowledged_s = None
             segment.size += len(record)
             self._size += len(record)
             self._last = sequence
@@ -216,12 +223,25 @@ class Spool:
                 self._damaged.read_again(path, sound)
 
     def acknowledge(self, boot: str, sequence: int) -> int:
-        """Delete segments of `boot` that end by `sequence`; return how many features."""
+        """Delete segments of `boot` that end by `sequence`; return how many features.
+
+        Those that are kept for a while are deleted by an acknowledgement that comes later, of
+        whatever boot.
+        """
         with self._lock:
             # Of a boot that is withheld nothing is forgotten.
             if boot in self._withheld:
                 return 0
-            done = [s for s in self._segments if s.boot == boot and s.last <= sequence]
+            now = time.monotonic()
+            for segment in self._segments:
+                if segment.boot == boot and segment.last <= sequence:
+                    segment.acknowledged_s = segment.acknowledged_s or now
+            done = [
+                segment
+                for segment in self._segments
+                if segment.acknowledged_s is not None
+                and now - segment.acknowledged_s >= self._keep_s
+            ]
             for segment in done:
                 self._remove(segment)
             if self._gone.get(boot, sequence + 1) <= sequence:
@@ -348,6 +368,9 @@ class Spool:
     def _drop_oldest(self) -> None:
         while self.size > self._max_bytes and len(self._segments) > 1:
             oldest = self._segments[0]
+            if oldest.acknowledged_s is not None:
+                self._remove(oldest)
+                continue
             self._dropped += oldest.count
             logger.warning(
                 "The spool %s is full: features %d to %d of boot %s are dropped, unsent.",

@@ -174,6 +174,30 @@ def test_simulated_epochs_come_when_they_are_due_and_say_when_they_are_complete(
     assert seen == [(1, 0.0), (None, 0.0), (2, 0.25), (None, 0.25), (3, 0.5), (None, 0.5)]
 
 
+def test_a_held_calendar_stands_still_and_does_not_catch_up(tmp_path):
+    structure = SimulatedStructure(epochs=4, seconds=1.0, interval_s=1.0)
+    hold, clock = tmp_path / "hold", HandClock(NOW_NS)
+    sleep = clock.sleep
+
+    def slept(seconds):
+        sleep(seconds)
+        if clock.now_ns() - NOW_NS >= 2_000_000_000:
+            hold.unlink(missing_ok=True)
+
+    clock.sleep = slept
+    chosen = SimulatedInput(structure=structure, every_s=0.25, hold=hold)
+    moments = []
+    for block in open_source(chosen, clock, threading.Event()):
+        if block is None:
+            continue
+        moments.append((clock.now_ns() - NOW_NS) / 1e9)
+        if block.epoch == 1:
+            hold.touch()
+    assert moments[:2] == [0.0, 0.25]
+    assert moments[2] == pytest.approx(2.0, abs=0.2)
+    assert moments[3] == pytest.approx(moments[2] + 0.25)
+
+
 def test_a_wait_ends_at_once_when_the_agent_is_stopped():
     stop = threading.Event()
     threading.Timer(0.1, stop.set).start()

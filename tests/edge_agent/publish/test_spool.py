@@ -1,5 +1,6 @@
 """What was appended can be read again: after a kill, with a torn tail, and in its order."""
 
+import contextlib
 import os
 import random
 import shutil
@@ -14,6 +15,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from edge_agent.publish import Spool, SpoolError
+from edge_agent.publish import spool as spool_module
 from edge_agent.publish.damaged_bytes import DamagedBytes
 from edge_agent.publish.spool_records import Damage
 
@@ -443,3 +445,33 @@ def test_what_can_be_read_after_all_is_not_said_to_be_damaged(tmp_path):
     first.write_bytes(kept)
     assert list(spool.read("b1")) == [payload(n) for n in range(500)]
     assert spool.damaged_ranges("b1") == []
+
+
+def test_acknowledged_features_stay_for_a_recorder_that_asks_late(tmp_path, monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(spool_module.time, "monotonic", lambda: now[0])
+    kept = Spool(tmp_path, "b1", segment_bytes=300, keep_acknowledged_s=60.0)
+    with contextlib.closing(kept):
+        for sequence in range(6):
+            kept.append(sequence, b"x" * 100)
+        assert kept.acknowledge("b1", 5) == 0
+        assert len(list(kept.read("b1"))) == 6
+        kept.append(6, b"x" * 100)  # its segment holds something new
+        now[0] += 60.0
+        kept.acknowledge("b1", 5)
+        assert 6 <= kept.held()[0].last
+        assert len(list(kept.read("b1"))) < 6
+        kept.acknowledge("b1", 6)
+        now[0] += 60.0
+        kept.acknowledge("b1", 6)
+        assert list(kept.read("b1")) == []
+
+
+def test_a_full_spool_gives_up_acknowledged_features_first_and_counts_none(tmp_path):
+    kept = Spool(tmp_path, "b1", segment_bytes=300, max_bytes=2_000, keep_acknowledged_s=60.0)
+    with contextlib.closing(kept):
+        for sequence in range(40):
+            kept.append(sequence, b"x" * 100)
+            kept.acknowledge("b1", sequence)
+        assert kept.size <= 2_000
+        assert kept.dropped == 0
