@@ -217,6 +217,10 @@ class GapSettings(Immutable):
     """Comparisons from which it is learnt how far model and structure are apart anyway."""
     tune: Annotated[int, Field(ge=1, le=20)] = 3
     """Of these, the first, to which the model's constants are fitted within its tolerance."""
+    refit: bool = False
+    """Whether the model's constants are fitted to each record within its tolerance before the
+    comparison. It keeps weather and age from being called a disagreement; what constants within
+    tolerance can make up for is then no disagreement either."""
     readings_between_false_alarms: Annotated[float, Field(ge=100)] = 1e5
     kept: Annotated[int, Field(ge=10)] = 500
     """Comparisons of a twin kept for the page."""

@@ -45,7 +45,7 @@ def main() -> None:
     given = parser.parse_args()
     port = _free_port()
     with subprocess.Popen(
-        [sys.executable, "-m", "slowtime_cli", "demo", "--frame", "--port", str(port)],
+        [sys.executable, "-m", "slowtime_cli", "demo", "--with", "frame", "--port", str(port)],
         stdout=subprocess.DEVNULL,
     ) as demo:
         try:

@@ -39,7 +39,7 @@ class Children:
         settings
             Environment variables, where the user has not set them.
         """
-        with (self._logs / f"{name}.log").open("wb") as log:
+        with (self._logs / f"{name}.log").open("ab") as log:
             process = subprocess.Popen(
                 [sys.executable, "-m", "slowtime_cli", *arguments],
                 stdin=subprocess.DEVNULL,
@@ -51,8 +51,13 @@ class Children:
             )
         self._running.append((name, process))
 
-    def check(self) -> None:
+    def check(self, ending: Sequence[str] = ()) -> None:
         """Raise if a child has died, with the end of its output.
+
+        Parameters
+        ----------
+        ending
+            Children that may end by themselves.
 
         Raises
         ------
@@ -60,7 +65,7 @@ class Children:
             Naming the child, its exit status and its log file.
         """
         for name, process in self._running:
-            if process.poll() is not None:
+            if process.poll() is not None and name not in ending:
                 log = self._logs / f"{name}.log"
                 last = log.read_text(errors="replace").strip().splitlines()[-3:]
                 raise RuntimeError(
@@ -68,19 +73,37 @@ class Children:
                     f"{' | '.join(last)} (all of it in {log})"
                 )
 
+    def status(self, name: str) -> int | None:
+        """Return the exit status of a child; None while it runs."""
+        return self._of(name).poll()
+
+    def stop(self, name: str) -> int:
+        """End one child, and return its exit status; another of that name may be started."""
+        process = self._of(name)
+        _end([process])
+        self._running.remove((name, process))
+        return int(process.returncode)
+
     def end(self) -> None:
         """Ask all to end, youngest first, and insist after some seconds."""
-        for _, process in reversed(self._running):
-            if process.poll() is None:
-                process.send_signal(signal.SIGTERM)
-        deadline = time.monotonic() + TERMINATION_S
-        for _, process in reversed(self._running):
-            try:
-                process.wait(max(deadline - time.monotonic(), 0.1))
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
+        _end([process for _, process in reversed(self._running)])
         self._running.clear()
+
+    def _of(self, name: str) -> subprocess.Popen[bytes]:
+        return next(process for known, process in self._running if known == name)
+
+
+def _end(processes: Sequence[subprocess.Popen[bytes]]) -> None:
+    for process in processes:
+        if process.poll() is None:
+            process.send_signal(signal.SIGTERM)
+    deadline = time.monotonic() + TERMINATION_S
+    for process in processes:
+        try:
+            process.wait(max(deadline - time.monotonic(), 0.1))
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
 
 
 @contextlib.contextmanager

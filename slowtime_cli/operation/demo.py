@@ -1,10 +1,12 @@
 """The verb `demo`: runs router, edge agents and twin server in accelerated slow time."""
 
+import json
 import socket
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import click
@@ -16,7 +18,16 @@ from slowtime_services.client import Client
 from slowtime_services.credentials import make_key
 
 from .child_processes import Children, children
+from .story.page import write_story_page
+from .story.run import Story, replayed_hash
+from .story.scenario import scenario, twin_settings
+from .story.summary import gather, in_words
+from .story.summary import summary as summarise
 
+STORY, EXTRA = "story", ("frame", "bridge")
+"""What `--with` names: the house instead of the other structures, or one beside them."""
+STORY_S = 600.0
+"""How long the ten years of the house last where no duration is given [s]."""
 WHOLE = {"max_points": 100_000}
 LOOK_AT = """
   Simulated structures age in front of you, {rate:g} days of their calendar a second:
@@ -52,8 +63,9 @@ def demo(
     duration_s: float,
     recording: Path | None,
     epochs_per_s: float,
-    with_frame: bool,
-    with_bridge: bool,
+    wanted: tuple[str, ...],
+    seed: int,
+    real_time: bool,
     folder: Path | None,
 ) -> int:
     """Run router, edge agents, twin server and page on this machine."""
@@ -67,17 +79,58 @@ def demo(
         raise click.UsageError(
             f"{recording} exists and may be the only copy of a recording. Give another name."
         )
+    if STORY in wanted:
+        return _tell_story(folder, port, duration_s, recording, seed, real_time)
     with (
         tempfile.TemporaryDirectory(prefix="slowtime-demo-") as temporary,
         # Outermost: a second Ctrl-C, or SIGTERM, must not leave children behind.
         until_signalled() as stop,
         children((folder or Path(temporary)) / "logs") as family,
     ):
-        asked = {"frame": with_frame, "bridge": with_bridge}
-        names = [name for name in STRUCTURES if asked.get(name, True)]
+        names = [name for name in STRUCTURES if name not in EXTRA or name in wanted]
         home = folder or Path(temporary)
         _run(family, home, names, port, duration_s, recording, epochs_per_s, stop)
     return INTERRUPTED if duration_s and stop.interrupted else 0
+
+
+def _tell_story(
+    folder: Path | None,
+    port: int,
+    duration_s: float,
+    recording: Path | None,
+    seed: int,
+    real_time: bool,
+) -> int:
+    """Run the story of a house; its files stay in a folder."""
+    home = folder or Path(f"house-{seed}")
+    if home.exists() and any(home.iterdir()):
+        raise click.UsageError(f"{home} is not empty. Give another folder by --data.")
+    told = scenario(seed, duration_s or STORY_S, real_time=real_time)
+    path = recording or home / "house.mcap"
+    with until_signalled() as stop, children(home / "logs") as family:
+        endpoint, gateway = (f"tcp/127.0.0.1:{_free_port()}" for _ in range(2))
+        click.echo("Starting router, twin server and recorder ...")
+        family.start("router", ["router", "--listen", endpoint])
+        _start_twin(family, home, endpoint, port, twin_settings())
+        client = Client(f"http://127.0.0.1:{port}")
+        _wait_until_ready(family, client, stop)
+        family.start("recorder", ["record", "--connect", endpoint, "--out", str(path)])
+        _wait_for_file(family, path, stop)
+        if stop.is_set():
+            return INTERRUPTED
+        click.echo(f"\n  The page: {client.url}\n")
+        story = Story(family, client, home, told, endpoint, gateway, stop)
+        story.run()
+        if stop.is_set():
+            return INTERRUPTED
+        found = gather(client, story)
+        family.stop("recorder")
+    document = summarise(told, found, replayed_hash(path, home / "replayed.sqlite"))
+    (home / "story.json").write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    write_story_page(home / "story.html", told, found, document)
+    click.echo("\n" + "\n".join(f"  {sentence}" for sentence in in_words(document)))
+    click.echo(f"\n  The story as a page: {home / 'story.html'}")
+    return 0 if document["hash"]["equal"] else 1
 
 
 def _run(
@@ -116,15 +169,24 @@ def _run(
         click.echo(summary(name, history, whole=whole))
 
 
-def _start_twin(family: Children, home: Path, endpoint: str, port: int) -> None:
+def _start_twin(
+    family: Children,
+    home: Path,
+    endpoint: str,
+    port: int,
+    settings: Mapping[str, Any] = MappingProxyType({}),
+) -> None:
     key = home / "ledger.pem"
     if not key.exists():
         make_key(key)
     database, recordings = home / "twin.sqlite", home / "recordings"
+    config = home / "twin.json"
+    config.write_text(json.dumps(dict(settings)), encoding="utf-8")
     family.start(
         "twin",
         [
-            "twin", "--connect", endpoint, "--port", str(port), "--database", str(database),
+            "twin", "--config", str(config), "--connect", endpoint, "--port", str(port),
+            "--database", str(database),
             "--recordings", str(recordings), "--ledger-key", str(key),
         ],
         {"SLOWTIME_TWIN_LEDGER__EVERY_S": str(LEDGER_S)},

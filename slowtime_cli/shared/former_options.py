@@ -6,8 +6,10 @@ import click
 
 RENAMED: Mapping[str, tuple[str, str]] = {
     "--band": ("--band-hz", "{} {}"),
+    "--bridge": ("--with", "bridge"),
     "--channel": ("--channels", "{}"),
     "--fast": ("--speed", "0"),
+    "--frame": ("--with", "frame"),
     "--json": ("--out", "-"),
     "--out-model": ("--out", "{}"),
     "--plot": ("--report", "{}"),

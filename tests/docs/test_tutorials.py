@@ -250,12 +250,23 @@ def finite_elements(folder, said):
     assert "changed: girder" in said
 
 
+def whole_day(folder, said):
+    """Noticed, named, adopted and undone by the twin alone; the replay is the same."""
+    told = json.loads((folder / "house/story.json").read_text())
+    assert told["named"]["outcome"] in ("named", "undecided with the truth")
+    assert told["gap"]["with_adoption"] < 1.3 * told["gap"]["usual"]
+    assert told["faults"]["lost"] == 0
+    assert told["hash"]["equal"] is True
+    assert re.search(rf"^demo\.house  sha256:{told['hash']['run']} ", said, re.M)
+    assert (folder / "house/story.html").exists()
+
+
 ENDS = {
     end.__name__: end
     for end in (
         first_hour, sensor_file, structure, alarms, misfit, forgotten_connection, site_tls,
         court, own_effect, own_parts, maintenance_plan, own_proposer, imposed_motion,
-        hammer_test, finite_elements,
+        hammer_test, finite_elements, whole_day,
     )
 }  # fmt: skip
 

@@ -106,6 +106,7 @@ def test_router_with_options_runs_the_router(refused):
         (("edge",), "--raw --recording a.mcap", "--setting raw=yes --file a.mcap"),
         (("modes", "distortion"), "a.csv --band 1 3", "a.csv --band-hz 1 3"),
         (("replay",), "a.mcap --fast", "a.mcap --speed 0"),
+        (("demo",), "--frame --bridge", "--with frame --with bridge"),
         (("identify",), "--out --json -- --json", "--out --out - -- --json"),
     ],
 )

@@ -7,7 +7,17 @@ from slowtime_schemas.twin_changes import SETTABLE
 
 from .twin import Registration
 
-DISPLAYED = frozenset({"name", "costs", "decision", "limit_states", "alarm_routes", "forecast"})
+DISPLAYED = frozenset(
+    {
+        "name",
+        "costs",
+        "decision",
+        "limit_states",
+        "alarm_routes",
+        "forecast",
+        "on_disagreement",
+    }
+)
 """Fields that no estimate depends on: after changing them, all states stay as they are."""
 
 

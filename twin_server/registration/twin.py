@@ -21,6 +21,7 @@ from twin_server.registration.nominal import Covariates, Nominal
 
 from .assessing import ASSESSMENT_EXAMPLE, Assessing
 from .costs import COSTS_EXAMPLE, DECISION_EXAMPLE, CostTable, Deciding
+from .disagreement import DisagreementPolicy
 from .finite_elements import self_contained
 from .limit_states import EXAMPLE as LIMIT_STATES_EXAMPLE
 from .limit_states import LimitStateSpec, ThresholdState
@@ -129,6 +130,9 @@ class Registration(Immutable):
     together, at a stated rate of false alarms; by default each reading names by itself."""
     adopted: Annotated[tuple[Adopted, ...], Field(max_length=16)] = ()
     """What diagnoses have added to `model`, or to `covariates`, the latest last."""
+    on_disagreement: DisagreementPolicy | None = None
+    """What is done without a person once the model disagrees with raw samples; None for
+    nothing."""
     forecast: Forecasting = Forecasting()
     """Thresholds whose time is asked for, and how the future is looked at."""
     costs: CostTable | None = None

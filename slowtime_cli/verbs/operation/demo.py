@@ -6,6 +6,7 @@ import click
 
 from slowtime_cli.shared.deferred import Deferred
 from slowtime_cli.shared.options import OutFile, Real
+from slowtime_cli.shared.settings import setting, settings_option
 
 
 @click.command(
@@ -18,8 +19,9 @@ Examples:
   slowtime demo                          until Ctrl-C, page on http://127.0.0.1:8000
   slowtime demo --port 8080 --duration 90
   slowtime demo --record house.mcap --duration 60
-  slowtime demo --frame                  which storey of a frame weakens
-  slowtime demo --bridge                 a crack under a swing of temperature
+  slowtime demo --with frame             which storey of a frame weakens
+  slowtime demo --with bridge            a crack under a swing of temperature
+  slowtime demo --with story --data day  ten years of a house, and what its model lacks
 """,
 )
 @click.option(
@@ -44,22 +46,35 @@ Examples:
     help="Also record all messages, raw blocks included, into this MCAP file.",
 )
 @click.option(
-    "--frame",
-    "with_frame",
-    is_flag=True,
-    help="Also a frame of three storeys, with all its modes; it uses one processor core fully.",
-)
-@click.option(
-    "--bridge",
-    "with_bridge",
-    is_flag=True,
-    help="Also a bridge whose frequency varies with the temperature.",
+    "--with",
+    "wanted",
+    multiple=True,
+    type=click.Choice(["frame", "bridge", "story"]),
+    help="Also a frame of three storeys with all its modes, which uses one processor core "
+    "fully; a bridge in the weather; or, instead of all others, ten years of a house into "
+    "which something enters that its model lacks.",
 )
 @click.option(
     "--data",
     "folder",
     type=click.Path(file_okay=False, path_type=Path),
-    help="Keep database, spools and logs here.  [default: a temporary folder]",
+    help="Keep database, spools and logs here.  [default: a temporary folder; of a story, "
+    "house-SEED]",
+)
+@settings_option(
+    setting(
+        "--seed",
+        default=1,
+        show_default=True,
+        type=click.IntRange(0, 2**31 - 1),
+        help="Of --with story: decides what enters where, weather and noise.",
+    ),
+    setting(
+        "--real-time",
+        is_flag=True,
+        help="Of --with story: measure as fast as the clock runs; ten years of ageing pass in "
+        "--duration all the same.",
+    ),
 )
 def demo(**_given: object) -> None:
     """Run router, edge agents, twin server and page on this computer.

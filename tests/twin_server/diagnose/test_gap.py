@@ -1,9 +1,13 @@
 """When a gap is called a disagreement, and how often that is by chance."""
 
+import json
+
 import numpy as np
 import pytest
 
-from twin_server.diagnose.gap import IN_A_ROW, learn, limit_factor
+from slowtime_services.simulate import simulated_structure
+from twin_server.diagnose.gap import IN_A_ROW, learn, limit_factor, measure
+from twin_server.diagnose.samples import pieces_of
 
 
 @pytest.mark.parametrize(("count", "between"), [(8, 200.0), (30, 500.0)])
@@ -36,3 +40,51 @@ def test_a_weaker_record_may_be_further_off_for_its_noise_weighs_more():
 def test_a_scatter_of_nothing_does_not_make_every_reading_a_disagreement():
     usual = learn([(0.03, 1.0)] * 10, 1e5)
     assert usual.limit > 1.05 * usual.expected
+
+
+MODEL = {
+    "slowtime_model": 1,
+    "nodes": [{"id": "m1", "mass_kg": 2.0}],
+    "elements": [
+        {
+            "id": "j1", "between": ["base", "m1"],
+            "stiffness_n_per_m": 4000.0, "damping_n_s_per_m": 2.0,
+        }
+    ],
+    "inputs": [{"channel": "u", "kind": "force", "node": "m1", "unit": "N"}],
+    "sensors": [
+        {"channel": "a1", "quantity": "acceleration", "node": "m1", "unit": "m/s^2"}
+    ],
+    "tolerance": {"stiffness": 0.02, "damping": 0.1},
+}  # fmt: skip
+FRICTION = {"effect": "coulomb", "element": "j1", "friction_n": 0.6}
+
+
+def record(effects=()):
+    """A record of the rig on a warm day, 1 % softer than its model."""
+    structure = simulated_structure(
+        {
+            "kind": "model", "model": MODEL, "effects": effects, "seconds": 10.0,
+            "rate_hz": 100.0, "input_rms": 3.0, "band_hz": (0.5, 20.0),
+            "sensor": {"noise": 0.02},
+            "stiffness": {"j1": {"kind": "constant", "change": -0.01}},
+        }
+    )  # fmt: skip
+    return pieces_of(structure.epoch(0))[0].record
+
+
+def test_a_constant_within_tolerance_is_no_gap_where_constants_are_fitted_to_each_record():
+    model = json.dumps(MODEL)
+    (as_given,) = measure([model], record(), False).gaps
+    (refitted,) = measure([model], record(), True).gaps
+    assert as_given > 0.06
+    assert refitted == pytest.approx(0.02, rel=0.15)
+
+
+def test_what_is_missing_stays_a_gap_and_an_adopted_effect_is_not_fitted_away():
+    models = [json.dumps(MODEL), json.dumps(MODEL | {"effects": [FRICTION]})]
+    without, with_friction = measure(models, record([FRICTION]), True).gaps
+    assert without > 3 * with_friction
+    assert with_friction == pytest.approx(0.02, rel=0.2)
+    gone_without, gone_with = measure(models, record(), True).gaps
+    assert gone_with > 3 * gone_without

@@ -23,6 +23,7 @@ from slowtime_services.record import RecordingWriter
 from slowtime_services.replay import block_of
 from slowtime_services.reports import charts_in
 from twin_server.diagnose import RAW, Ended, JobId, Jobs, Task, write_task
+from twin_server.diagnose.gap import IN_A_ROW
 from twin_server.fairness import OverQuotaError, Processors, Quota
 from twin_server.identity.principals import Principal
 from twin_server.orders import Adopted, DiagnosisOrder
@@ -37,6 +38,7 @@ from twin_server.serve import ProblemError
 from twin_server.serve.http.quotas import over_quota
 from twin_server.settings import DiagnoseSettings, GapSettings
 
+from .automatic import AutomaticDiagnoses
 from .history_file import covariates_of, history_of, reference_of
 
 RETRY_AFTER_S = 30
@@ -85,9 +87,13 @@ class Diagnoses:
         self._clock = clock or SystemClock()
         self._kept = recordings or RecordingFolder(settings.recordings)
         self._jobs = Jobs(command, settings, self._end, processors)
-        self._minder = GapMonitor(
-            pipeline, store, gaps, self.raw_samples, effects=settings.effects
+        self._automatic = AutomaticDiagnoses(
+            self, self._registration, pipeline.note, IN_A_ROW * gaps.seconds
         )
+        self._minder = GapMonitor(
+            pipeline, store, gaps, self.raw_samples,
+            effects=settings.effects, compared=self._automatic.compared,
+        )  # fmt: skip
 
     def start(self) -> None:
         """Mark unfinished diagnoses as failed, and start the workers."""
@@ -388,15 +394,21 @@ class Diagnoses:
         )
         if ended.outcome is None:
             self._store.end_diagnosis(row)
+            self._automatic.ended(*job, None)
             return
         report, page, model = ended.outcome
         self._store.end_diagnosis(row._replace(report=report), page, model)
         with contextlib.suppress(ValueError):
-            said = json.loads(report)["sentence"]
+            found = json.loads(report)
             self._pipeline.note(
-                row.twin, "diagnosed", "info", f"Diagnosis {job.number}: {said}",
+                row.twin, "diagnosed", "info", f"Diagnosis {job.number}: {found['sentence']}",
                 {"diagnosis": job.number},
             )  # fmt: skip
+            self._automatic.ended(*job, found)
+
+    def _registration(self, twin_id: str) -> Registration | None:
+        twin = self._pipeline.twin(twin_id)
+        return None if twin is None else twin.registration
 
     def _prepared(
         self,

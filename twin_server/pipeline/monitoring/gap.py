@@ -9,11 +9,12 @@ import dataclasses
 import hashlib
 import json
 import logging
+import math
 import multiprocessing
 import signal
 import threading
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from slowtime.discrepancy.records import MIN_SAMPLES
 from slowtime.dynamics.effects import catalogue
@@ -38,6 +39,25 @@ PATIENCE_S = 120.0
 """Time that one comparison may take [s]; the first one compiles."""
 
 LEARNT = "gap_learnt"
+
+
+class Comparison(NamedTuple):
+    """Result of comparing the models of a twin with one record.
+
+    Parameters
+    ----------
+    nominal, in_use
+        Gap of the model before anything was adopted, and of that with it [1].
+    limit
+        Gap beyond which the record speaks against a model [1].
+    disagrees
+        Whether the model in use disagrees with the last records.
+    """
+
+    nominal: float
+    in_use: float
+    limit: float
+    disagrees: bool
 
 
 @dataclasses.dataclass(slots=True)
@@ -79,6 +99,8 @@ class GapMonitor:
         Makes what computes; a process of its own, where not given.
     effects
         Installed parts that may be imported there.
+    compared
+        Told of each comparison once the usual gap is learnt.
     """
 
     def __init__(
@@ -89,7 +111,9 @@ class GapMonitor:
         raw_samples: Callable[[str, float], list[Sample]],
         workers: Callable[[], concurrent.futures.Executor] | None = None,
         effects: tuple[str, ...] = (),
+        compared: Callable[[str, Comparison], None] = lambda _twin_id, _found: None,
     ) -> None:
+        self._compared = compared
         self._pipeline, self._store, self._settings = pipeline, store, settings
         self._raw_samples, self._make = raw_samples, workers or _one_process
         self._effects = effects
@@ -216,7 +240,7 @@ class GapMonitor:
     ) -> measuring.GapSample:
         """Measure; an own effect that fails or hangs costs the comparison of its model only."""
         try:
-            return self._compute(measuring.measure, models, record)  # type: ignore[no-any-return]
+            return self._compare(models, record)
         except Exception as error:
             if self._stop.is_set() or len(models) == 1 or not _is_own(models[-1]):
                 raise
@@ -232,7 +256,11 @@ class GapMonitor:
                 "server, or undo the diagnosis.",
                 {},
             )  # fmt: skip
-            return self._compute(measuring.measure, models, record)  # type: ignore[no-any-return]
+            return self._compare(models, record)
+
+    def _compare(self, models: list[str], record: Record) -> measuring.GapSample:
+        refit = self._settings.refit
+        return self._compute(measuring.measure, models, record, refit)  # type: ignore[no-any-return]
 
     def _of(self, twin_id: str, nominal: ModelFile) -> _TwinGap:
         key = hashlib.sha256(nominal.model_dump_json().encode()).hexdigest()[:16]
@@ -278,7 +306,8 @@ class GapMonitor:
     ) -> None:
         """Keep one reading; learn from it, or judge by it."""
         nominal, in_use = found.gaps[0], found.gaps[-1]
-        beyond = mind.usual is not None and in_use > mind.usual.limit_at(found.level)
+        limit = math.inf if mind.usual is None else mind.usual.limit_at(found.level)
+        beyond = in_use > limit
         with self._lock:
             mind.kept.append(
                 {
@@ -297,6 +326,7 @@ class GapMonitor:
         if mind.against >= measuring.IN_A_ROW:
             mind.against, mind.disagrees = 0, beyond
             self._tell(twin_id, mind, in_use)
+        self._compared(twin_id, Comparison(nominal, in_use, limit, mind.disagrees))
 
     def _learnt(self, twin_id: str, mind: _TwinGap) -> None:
         settings = self._settings
