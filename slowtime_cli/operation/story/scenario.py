@@ -342,5 +342,5 @@ def edge_settings(of: Scenario, hold: Path) -> dict[str, Any]:
             "median_window": 5,
             "ewma_a": 0.3,
         },
-        "publish": {"raw": "on", "ring_s": 2 * SECONDS, "linger_s": 60.0},
+        "publish": {"raw": "on", "ring_s": 2 * SECONDS, "linger_s": 300.0},
     }

@@ -109,8 +109,8 @@ class AutomaticDiagnoses:
                 self._undo(twin_id, registration, mind, found)
             elif not found.disagrees:
                 mind.tries = mind.waited = 0
-            elif mind.against:
-                pass  # it may be undone soon, and a diagnosis would be of another model
+            elif mind.against or found.in_use <= found.limit:
+                pass  # it may be undone soon, or has just been: that would be another model's
             elif mind.running is None and mind.tries < policy.tries:
                 mind.waited += 1
                 if not mind.tries or mind.waited > policy.between:

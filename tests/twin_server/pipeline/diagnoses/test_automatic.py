@@ -196,6 +196,10 @@ def test_nothing_is_diagnosed_while_an_adopted_model_may_be_undone():
     acting = Acting({"undo_after": 3}, [adopted(4)])
     acting.see(WORSE, 2)
     assert acting.desk.orders == []
+    acting.see(WORSE)
+    acting.registration = acting.registration.model_copy(update={"adopted": ()})
+    acting.see(AGREES._replace(disagrees=True))  # the monitor waits for a second one
+    assert acting.desk.orders == []
 
 
 def test_what_was_found_with_another_model_is_not_adopted():
