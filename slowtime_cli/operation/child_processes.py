@@ -77,10 +77,16 @@ class Children:
         """Return the exit status of a child; None while it runs."""
         return self._of(name).poll()
 
-    def stop(self, name: str) -> int:
-        """End one child, and return its exit status; another of that name may be started."""
+    def stop(self, name: str, patience_s: float = TERMINATION_S) -> int:
+        """End one child, and return its exit status; another of that name may be started.
+
+        Parameters
+        ----------
+        patience_s
+            Time that it is given to end by itself [s].
+        """
         process = self._of(name)
-        _end([process])
+        _end([process], patience_s)
         self._running.remove((name, process))
         return int(process.returncode)
 
@@ -93,11 +99,13 @@ class Children:
         return next(process for known, process in self._running if known == name)
 
 
-def _end(processes: Sequence[subprocess.Popen[bytes]]) -> None:
+def _end(
+    processes: Sequence[subprocess.Popen[bytes]], patience_s: float = TERMINATION_S
+) -> None:
     for process in processes:
         if process.poll() is None:
             process.send_signal(signal.SIGTERM)
-    deadline = time.monotonic() + TERMINATION_S
+    deadline = time.monotonic() + patience_s
     for process in processes:
         try:
             process.wait(max(deadline - time.monotonic(), 0.1))

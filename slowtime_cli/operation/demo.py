@@ -28,6 +28,8 @@ STORY, EXTRA = "story", ("frame", "bridge")
 """What `--with` names: the house instead of the other structures, or one beside them."""
 STORY_S = 600.0
 """How long the ten years of the house last where no duration is given [s]."""
+RECORDER_S = 300.0
+"""Time that a recorder is given to pack its file once more [s]."""
 WHOLE = {"max_points": 100_000}
 LOOK_AT = """
   Simulated structures age in front of you, {rate:g} days of their calendar a second:
@@ -124,7 +126,7 @@ def _tell_story(
         if stop.is_set():
             return INTERRUPTED
         found = gather(client, story)
-        family.stop("recorder")
+        family.stop("recorder", RECORDER_S)
     document = summarise(told, found, replayed_hash(path, home / "replayed.sqlite"))
     (home / "story.json").write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
     write_story_page(home / "story.html", told, found, document)
