@@ -193,7 +193,7 @@ def envelope_spectrum(
                 f"to {half:g} Hz."
             )
     return EnvelopeSpectrum(
-        channel=record.channels[0], band_hz=tuple(band),
+        channel=record.channels[0], band_hz=(band.low, band.high),
         spectrum=envelope_spectra.envelope_spectrum(samples, record.rate_hz, band),
         notes=(said,) if said else (),
     )  # fmt: skip

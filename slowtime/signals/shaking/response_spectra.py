@@ -95,7 +95,7 @@ def _largest(
     displacement = scipy.signal.lfilter(to_displacement, recursion, whole, axis=0)
     velocity = scipy.signal.lfilter(to_velocity, recursion, whole, axis=0)
     in_space = -(2 * zeta * omega * velocity + omega**2 * displacement)
-    return np.abs(np.stack((displacement, in_space))).max(axis=1)
+    return np.asarray(np.abs(np.stack((displacement, in_space))).max(axis=1))
 
 
 def _recursion(

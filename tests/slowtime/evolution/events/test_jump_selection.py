@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from slowtime.estimation.filtering import Passes
 from slowtime.evolution.events import jump_selection
 from slowtime.evolution.forecasting import forecast, parameter_posterior
 from slowtime.evolution.forecasting.outlook import JumpLaw
@@ -88,13 +89,13 @@ def test_what_does_not_jump_has_no_jumps(name, tails):
 
 def test_no_shift_is_scored_twice_with_the_same_readings_and_jumps(monkeypatch):
     asked = []
-    complete = jump_selection.Passes.interventions
+    complete = Passes.interventions
 
     def noted(self, value, sd, *, jumps=()):
         asked.append((id(self), np.asarray(value).tobytes(), tuple(jumps)))
         return complete(self, value, sd, jumps=jumps)
 
-    monkeypatch.setattr(jump_selection.Passes, "interventions", noted)
+    monkeypatch.setattr(Passes, "interventions", noted)
     time, rng = np.arange(200.0), np.random.default_rng(4)
     value = 0.08 * (time > 90) - 0.07 * (time > 140) + 0.01 * rng.standard_normal(200)
     found = forecast.fit(time, value, np.full(200, 0.01))

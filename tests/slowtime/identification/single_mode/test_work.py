@@ -5,7 +5,9 @@ import pytest
 
 from slowtime.identification import Tracker, first_mode
 from slowtime.identification.ambient import estimation as ambient
+from slowtime.identification.ambient.damping_posterior import damping_posterior
 from slowtime.identification.free_decay import segments
+from slowtime.identification.free_decay.estimation import fit_spanned
 from tests.slowtime.identification.oscillators import record
 
 RATE = 24.0
@@ -24,7 +26,7 @@ def window(seed, *, f=4.0, z=0.02, after=None, seconds=30.0):
 def posteriors(monkeypatch):
     """Posteriors of the damping that were worked out."""
     calls = []
-    complete = ambient.damping_posterior
+    complete = damping_posterior
 
     def counted(*given):
         calls.append(given)
@@ -57,7 +59,7 @@ def test_fits_to_what_is_no_decay_are_left_out_and_would_have_changed_nothing(
     seed, monkeypatch
 ):
     samples, fits = window(seed, z=0.03), []
-    complete = segments.fit_spanned
+    complete = fit_spanned
 
     def counted(*given):
         fits.append(given)
