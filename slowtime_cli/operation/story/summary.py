@@ -262,7 +262,9 @@ def timeline(of: Scenario, found: Gathered) -> list[Document]:
         (effect.enters, f"{effect.kind} enters at {effect.place}; nobody is told."),
         (effect.leaves, f"{effect.kind} is gone."),
     ]
-    told = [{"years": years, "by": "truth", "text": text} for years, text in hidden]
+    told: list[dict[str, Any]] = [
+        {"years": years, "by": "truth", "text": text} for years, text in hidden
+    ]
     told += [
         {"years": one["years"], "by": "people and faults", "text": one["text"]}
         for one in found.done

@@ -174,7 +174,7 @@ def test_simulated_epochs_come_when_they_are_due_and_say_when_they_are_complete(
     assert seen == [(1, 0.0), (None, 0.0), (2, 0.25), (None, 0.25), (3, 0.5), (None, 0.5)]
 
 
-def test_a_held_calendar_stands_still_and_does_not_catch_up(tmp_path):
+def test_a_held_calendar_stands_still_and_does_not_catch_up(tmp_path, monkeypatch):
     structure = SimulatedStructure(epochs=4, seconds=1.0, interval_s=1.0)
     hold, clock = tmp_path / "hold", HandClock(NOW_NS)
     sleep = clock.sleep
@@ -184,7 +184,7 @@ def test_a_held_calendar_stands_still_and_does_not_catch_up(tmp_path):
         if clock.now_ns() - NOW_NS >= 2_000_000_000:
             hold.unlink(missing_ok=True)
 
-    clock.sleep = slept
+    monkeypatch.setattr(clock, "sleep", slept)
     chosen = SimulatedInput(structure=structure, every_s=0.25, hold=hold)
     moments = []
     for block in open_source(chosen, clock, threading.Event()):

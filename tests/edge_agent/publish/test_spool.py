@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+import time
 from typing import Any
 
 import pytest
@@ -15,7 +16,6 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from edge_agent.publish import Spool, SpoolError
-from edge_agent.publish import spool as spool_module
 from edge_agent.publish.damaged_bytes import DamagedBytes
 from edge_agent.publish.spool_records import Damage
 
@@ -449,7 +449,7 @@ def test_what_can_be_read_after_all_is_not_said_to_be_damaged(tmp_path):
 
 def test_acknowledged_features_stay_for_a_recorder_that_asks_late(tmp_path, monkeypatch):
     now = [100.0]
-    monkeypatch.setattr(spool_module.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
     kept = Spool(tmp_path, "b1", segment_bytes=300, keep_acknowledged_s=60.0)
     with contextlib.closing(kept):
         for sequence in range(6):

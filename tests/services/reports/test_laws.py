@@ -209,8 +209,8 @@ def test_a_report_on_reliability_says_what_failure_means_and_of_which_time():
     # Without a verdict, what others accept is something to compare with.
     usual = 0.5 * math.erfc(3.8 / math.sqrt(2.0))
     assert "aims at 7.2·10⁻⁵ (about 1 in 14,000)" in bare.actions[0]
-    ratio = Words().number(found[0].probability / usual, 2)
-    assert f"the probability found here is {ratio} times that." in bare.actions[0]
+    times = Words().number(found[0].probability / usual, 2)
+    assert f"the probability found here is {times} times that." in bare.actions[0]
     kept = page(accepted=4 * found[0].probability)
     assert kept.actions[0].startswith("Nothing to do now")
     assert "That is acceptable: about a quarter of the accepted 0.06" in kept.answer

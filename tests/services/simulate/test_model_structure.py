@@ -1,5 +1,7 @@
 """A structure of a model file, with effects that enter unannounced."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from pydantic import ValidationError
@@ -8,7 +10,7 @@ from slowtime_services.descriptions import description_of
 from slowtime_services.models import run_model
 from slowtime_services.simulate import SimulatedModel, simulated_structure
 
-MODEL = {
+MODEL: dict[str, Any] = {
     "slowtime_model": 1,
     "nodes": [{"id": "m1", "mass_kg": 2.0}, {"id": "m2", "mass_kg": 1.0}],
     "elements": [

@@ -108,9 +108,11 @@ def test_arguments_that_do_not_belong_together_are_refused(refused, before, argu
 
 
 def test_places_for_damage_print_the_limits_of_each_member(run):
-    planned = ("--sensors", 6, "--modes", 6, "--direction", "ux", "--direction", "uy")
-    planned += ("--setting", "criterion=detection", "--setting", "frequency_sd=0.001")
-    planned += ("--setting", "shape_sd=0.01", "--setting", "power=0.8")
+    planned = [
+        "--sensors", 6, "--modes", 6, "--direction", "ux", "--direction", "uy",
+        "--setting", "criterion=detection", "--setting", "frequency_sd=0.001",
+        "--setting", "shape_sd=0.01", "--setting", "power=0.8",
+    ]  # fmt: skip
     body = json.loads(run("model", "place", STOREYS, *planned, "--out", "-").out)
     losses = {one["name"]: one["loss"] for one in body["limits"]}
     assert len(losses) == 16

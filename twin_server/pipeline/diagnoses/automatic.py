@@ -9,7 +9,7 @@ import dataclasses
 import logging
 import threading
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 from twin_server.identity.principals import SERVER, Principal
 from twin_server.orders import DiagnosisOrder, FromEdge
@@ -88,7 +88,9 @@ class AutomaticDiagnoses:
         self,
         desk: DiagnosisDesk,
         registration: Callable[[str], Registration | None],
-        note: Callable[[str, str, str, str, Mapping[str, Any]], None],
+        note: Callable[
+            [str, str, Literal["info", "warning", "alarm"], str, Mapping[str, Any]], None
+        ],
         samples_s: float,
     ) -> None:
         self._desk, self._registration, self._note = desk, registration, note

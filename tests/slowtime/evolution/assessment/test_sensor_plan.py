@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -94,7 +95,7 @@ def test_the_plan_is_no_worse_than_other_criteria_and_random_ones(expected):
 
 def test_the_printed_limits_are_those_of_the_assessment():
     """The file has sensors at all sites: the promise is that of the sensors of the file."""
-    precision = {"modes": MODES, "frequency_sd": 1e-3, "shape_sd": 0.01}
+    precision: dict[str, Any] = {"modes": MODES, "frequency_sd": 1e-3, "shape_sd": 0.01}
     placed = st.place(STOREYS, 16, directions=("ux", "uy"), criterion="detection", **precision)
     known = {one.name: one for one in st.detection_limits(STOREYS, **precision)}
     assert len(placed.limits) == len(placed.evenly_spread_limits) == 16

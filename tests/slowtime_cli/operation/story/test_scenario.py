@@ -1,5 +1,7 @@
 """What a seed decides: effect, place, moment; and that simulator and twin can be given it."""
 
+from pathlib import Path
+
 import pytest
 
 from edge_agent.settings import EdgeSettings
@@ -52,6 +54,7 @@ def test_simulator_edge_and_twin_take_what_a_scenario_says(seed, tmp_path):
     assert (settings.extract.method, settings.extract.median_window) == ("peak", 5)
     twin = Registration.model_validate(registration(of))
     assert twin.on_disagreement is not None
+    assert twin.model is not None
     assert [one.id for one in twin.model.elements] == [f"storey{i}" for i in range(1, 5)]
 
 
@@ -63,4 +66,4 @@ def test_sped_up_and_in_real_time_the_records_cover_ten_years():
         assert years_of(of, ORIGIN_NS) == 0.0
     assert scenario(1, 7200.0, real_time=True).records == 120
     assert scenario(1, 300.0).records == 1500
-    assert "hold" not in edge_settings(of, None)["input"]
+    assert "hold" not in edge_settings(of, Path("hold"))["input"]

@@ -1,5 +1,7 @@
 """How a run is summed up: when it was noticed, what was named, which alarms were false."""
 
+from typing import Any
+
 import pytest
 
 from slowtime_cli.operation.story.page import write_story_page
@@ -71,7 +73,7 @@ def gathered(**changed):
         "valid": True, "slow_time": 0.0, "missing_before": 0, "truth": dict(block.truth),
         "stiffness_change": {"value": -0.01},
     }  # fmt: skip
-    given = {
+    given: dict[str, Any] = {
         "digest": {"sha256": "ab" * 32, "features": 1500},
         "gap": {"readings": readings, "expected": 0.02, "limit": 0.024},
         "diagnoses": [

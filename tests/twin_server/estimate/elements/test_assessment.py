@@ -7,6 +7,7 @@ from pydantic import ValidationError
 
 from slowtime_schemas.answers.assessments import MemberAssessment
 from slowtime_schemas.codec import decode
+from slowtime_schemas.messages import TwinState
 from slowtime_schemas.streams import STATE
 from tests.twin_server.estimate.covariates.test_covariates import swaying
 from twin_server.estimate.elements.assessment import LEAST_PROBABLE, MOST_PROBABLE, YEAR_NS
@@ -141,8 +142,9 @@ def test_messages_on_the_bus_have_the_named_set_and_rest_has_the_assessment(weak
     features, registration = weakened
     states, bodies, _, _ = run(begin(**registration), features[:52])
     several = ["b1"] * 52, ["s"] * 52
-    (*_, payload) = state_messages(states, "lab", "frame", *several, bodies)
+    (*_, payload) = state_messages(states, [("lab", "frame")] * 52, *several, bodies)
     message = decode(STATE, payload)
+    assert isinstance(message, TwinState)
     assert message.suspects == ("storey2",)
     assert "assessment" not in json.loads(payload)
     (*_, text) = state_objects(states, "lab.frame", *several, bodies)
