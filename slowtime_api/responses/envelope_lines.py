@@ -113,11 +113,10 @@ class EnvelopeSpectrum(Result):
         -------
         The matplotlib axes.
         """
-        (axes,) = new_figure(1)
+        axes = new_figure()[0]
         axes.plot(self.spectrum.frequency_hz, self.spectrum.amplitude, linewidth=0.7)
         axes.set(xlabel="frequency [Hz]", ylabel="squared envelope, relative to its mean [1]")
-        save((axes,), path)
-        return axes
+        return save(axes, path)
 
 
 @checked

@@ -315,15 +315,14 @@ class ResponseSpectrum(Result):
         -------
         The matplotlib axes.
         """
-        (axes,) = new_figure(1)
+        axes = new_figure()[0]
         for c, name in enumerate(self.channels):
             axes.semilogx(
                 1 / self.frequency_hz, self.spectra.pseudo_acceleration[:, c], label=name
             )
         axes.set(xlabel="period [s]", ylabel="pseudo-acceleration [m/s²]")
         axes.legend()
-        save((axes,), path)
-        return axes
+        return save(axes, path)
 
 
 @checked

@@ -19,7 +19,7 @@ EXAMPLES: dict[str, str] = {
     "kill %1",
     "twin outputs": """echo '{"outputs": {"a": {"kind": "mqtt", "host": "127.0.0.1"}}}' """
     "> outputs.json; slowtime demo --duration 60 & sleep 25; "
-    "timeout 5 slowtime twin outputs outputs.json; kill %1",
+    "slowtime twin outputs outputs.json & sleep 10; kill %2 %1",
     "twin event": "slowtime demo --duration 60 & sleep 25; "
     "slowtime twin event add demo.tower --kind note --text Inspected; "
     "slowtime twin event list demo.tower; kill %1",

@@ -95,6 +95,9 @@ def results(elements, weaker, twin):
         st.orders(tacho_record(), "tacho", [2]), surrogate, surrogate.predict({"x": [0.5]}),
         st.distortion(multisine_record(), "force", "motion", period=512),
         st.merge([weaker, weaker]), st.scale(weaker, [(weaker, {"a_m1": 0.1})]),
+        st.find_events(noise, long_s=10.0), st.shaking(noise, building="residential"),
+        st.response_spectrum(noise, [1.0, 5.0, 20.0]),
+        st.envelope_spectrum(noise, noise.channels[0], band_hz=(5.0, 20.0)),
         twin.simulate({"kind": "harmonic", "amplitude": 0.5, "frequency_hz": 2.9}),
     ]  # fmt: skip
     return {type(one).__name__: one for one in found}

@@ -16,7 +16,16 @@ from tests.slowtime_cli.command_tree import commands
 PROJECT = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())["project"]
 EXTRAS = PROJECT["optional-dependencies"]
 IMPORTED_AS = {"pyyaml": "yaml"}
-LIGHT = {"completion", "doctor", "edge", "plugins", "publish", "router run", "router status"}
+LIGHT = {
+    "completion",
+    "doctor",
+    "edge",
+    "plugins",
+    "publish",
+    "router run",
+    "router status",
+    "twin outputs",
+}
 
 
 def brought(extra):
