@@ -71,10 +71,11 @@ SAYS = {
     ("plan", "en"): ["What is to be done with Tower, and by when?",
                      "Last safe day to order a repair: 2028-12-28 (in 2.1 years).",
                      "61,200 EUR", "order a repair for an age of 3 years", "0.5 years",
-                     "Data demo.tower"],
+                     "Sure that waiting is cheaper than acting today.", "Data demo.tower"],
     ("plan", "de"): ["Was ist mit Tower zu tun, und bis wann?",
                      "Letzter sicherer Tag, eine Reparatur zu bestellen: 2028-12-28 "
-                     "(in 2,1 Jahren).", "61.200 EUR", "0,5 Jahren"],
+                     "(in 2,1 Jahren).", "61.200 EUR", "0,5 Jahren",
+                     "Sicher, dass Abwarten billiger ist, als heute zu handeln."],
     ("state", "en"): ["Has lab.beam changed, and by how much?",
                       "At 40 d, by the last reading alone, the natural frequency has "
                       "fallen by 13.40 ± 0.58 %", "and as much of the stiffness if mass,",
@@ -118,7 +119,7 @@ def test_the_first_page_answers_and_says_how_sure_and_what_to_do(tmp_path, kind,
     assert re.search(r'<div class="do"><h2>[^<]*</h2><ol>\s*<li>[^<]+</li>', head)
     # Alternatives stand beside the answer: within its row, before the picture.
     assert head.index("alternatives") < head.index('class="chart"')
-    assert any(words(f"confidence.{level}") in text for level in ("high", "medium", "low"))
+    assert re.search(r'<p class="confidence (high|medium|low)"><strong>[^<]+</strong>', head)
     assert re.search(r"slowtime \d", text)
     assert made_on() in text
     if kind == "diagnosis":
@@ -261,7 +262,7 @@ def test_a_plan_names_what_it_is_compared_with_however_dear(tmp_path):
     # Of the three that are shown it is the dearest, and they stand in the order of costs.
     assert len(beside) == 3
     assert beside[-1].name == "order the repair now, done in 0.5 years"
-    assert beside[0].measure == "expected cost 63,000 EUR"
+    assert beside[0].measure == "expected cost 63,000 EUR, 1,800 EUR more"
 
 
 def test_a_german_state_is_german_to_its_last_row(tmp_path):
@@ -299,17 +300,90 @@ def test_a_plan_tells_the_present_state_and_how_near_the_limit_is():
     plan["last_order"]["now_probability"] = 0.031
     told = plan_page(plan, Words("en")).definition
     assert told.startswith(
-        "By the trend of all readings, the stiffness was down by 18.7 ± 1.2 % at the last one "
-        "(812.5 d, 2026-11-21 04:00 UTC); limit −30 %. This holds if mass, temperature and "
-        "supports are unchanged. Failure within the 0.5 years that a repair takes if "
-        "ordered now: 3.1 %."
+        "By the trend of all readings, the stiffness is down by 18.7 ± 1.2 %. This holds if "
+        "mass, temperature and supports are unchanged. Failure within the 0.5 years that a "
+        "repair takes if ordered now: 3.1 %."
     )
+    assert "“today” mean the last reading (812.5 d, 2026-11-21 04:00 UTC): all times" in told
+    answer = plan_page(plan, Words("en")).answer
+    assert answer.endswith("The stiffness is down by 19 %; at 30 % it counts as failed.")
     german = plan_page(plan, Words("de")).definition
-    assert "um 18,7 ± 1,2 % gesunken; Grenze −30 %. Das gilt, wenn Masse," in german
+    assert "um 18,7 ± 1,2 % gesunken. Das gilt, wenn Masse," in german
     assert "Die Steifigkeit sinkt um mehr als 30 %." in german
     assert "unit" not in told
     bare = plan | {"time_unit": "slow_time", "slow_time_unit": None, "seconds": None}
     assert "slow time has no unit in this file." in plan_page(bare, Words("en")).definition
+
+
+def test_differences_of_costs_follow_from_the_printed_costs():
+    plan = plan_answer()
+    costs = (72_146.3, 73_007.6, 74_160.4)
+    for option, cost in zip(plan["options"], costs, strict=True):
+        option["cost"]["value"] = cost
+    plan["difference"] |= {"other": plan["options"][2]["words"], "value": 2014.1}
+    plan["difference"] |= {"lo": 1903.4, "hi": 2122.2}
+    page = plan_page(plan, Words("en"))
+    assert [one.measure for one in page.alternatives] == [
+        "expected cost 73,000 EUR, 900 EUR more", "expected cost 74,200 EUR, 2,100 EUR more",
+    ]  # fmt: skip
+    assert page.confidence.number.startswith("The next cheapest plan – order a repair for an age")
+    assert "– costs 2,100 EUR more (90 % interval: 1,900 EUR to 2,120 EUR)." in (
+        page.confidence.number
+    )
+    # A printed difference outside the interval calls for more digits.
+    plan["difference"] |= {"lo": 1990.0, "hi": 2030.0}
+    page = plan_page(plan, Words("en"))
+    assert "72,150 EUR" in page.answer
+    assert "– costs 2,010 EUR more" in page.confidence.number
+    assert "costs 2,010 EUR more" in reasons_of(plan, Words("en"))
+
+
+def test_a_plan_tells_the_risk_of_following_it_beside_the_accepted_one():
+    plan = plan_answer()
+    plan["options"][0]["failures"] = 0.0
+    plan["last_order"]["limit"] = 0.02
+    assert plan_page(plan, Words("en")).confidence.number.endswith(
+        "if the plan is followed: < 0.1 %; accepted until a repair takes effect: 2 %."
+    )
+    plan["options"][0]["failures"] = 1.4
+    plan["last_order"]["limit"] = None
+    assert "followed: at most 100 %." in plan_page(plan, Words("en")).confidence.number
+    plan["options"][0]["failures"] = 0.031
+    assert "followed: at most 3.1 %." in plan_page(plan, Words("en")).confidence.number
+
+
+def test_a_plan_that_waits_for_a_threshold_is_one_instruction():
+    plan = plan_answer()
+    done = {"ahead": 2.0, "slow_time": 1543.0, "t": "2028-11-21T00:00:00+00:00"}
+    plan["options"][0] |= {"repair": [done, done, done]}
+    page = plan_page(plan, Words("en"))
+    said = (
+        "Do not order yet. Order the repair when −25.5 % is reached (expected about "
+        "2028-05-22), at the latest 2028-12-28 (in 2.1 years)."
+    )
+    assert said in page.actions
+    assert not any("Follow the plan" in one or "calendar" in one for one in page.actions)
+    german = plan_page(plan, Words("de")).actions
+    assert any(one.startswith("Noch nicht bestellen. Die Reparatur bestellen") for one in german)
+    plan["last_order"] |= {"status": "beyond", "order": None}
+    assert any("Follow the plan" in one for one in plan_page(plan, Words("en")).actions)
+
+
+@pytest.mark.parametrize(
+    ("now", "said"),
+    [
+        ("wait", "Sure that waiting is cheaper than acting today."),
+        ("inspect", "Sure that this is cheaper than any other action today."),
+    ],
+)
+def test_the_confidence_of_a_plan_says_of_what(now, said):
+    plan = plan_answer()
+    plan["options"][0]["now"] = now
+    plan["difference"]["other"] = plan["options"][2]["words"]
+    assert plan_page(plan, Words("en")).confidence.said == said
+    plan["options"][2]["now"] = "wait"
+    of_wait = "Sure that acting today is cheaper than waiting."
+    assert plan_page(plan, Words("en")).confidence.said == (of_wait if now != "wait" else said)
 
 
 def reasons_of(plan, words):
@@ -363,12 +437,12 @@ def test_a_last_safe_day_before_the_report_says_to_read_again_first(monkeypatch)
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1800000000")  # 2027-01-15
     page = plan_page(plan_answer(), Words("en"))
     assert "has passed" not in page.answer
-    assert any("into the calendar: 2028-12-28" in action for action in page.actions)
+    assert any("at the latest 2028-12-28" in action for action in page.actions)
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1900000000")  # 2030-03-17
     page = plan_page(plan_answer(), Words("en"))
     assert "(in 2.1 years). That time has passed: read again first." in page.answer
     assert page.actions[0].startswith("Read again")
-    assert not any("calendar" in action for action in page.actions)
+    assert not any("latest" in action for action in page.actions)
 
 
 def test_readings_of_a_plan_end_in_an_order_where_they_decide_nothing():
@@ -491,7 +565,7 @@ def test_of_many_observations_the_most_valuable_are_listed_and_the_others_counte
     [table] = sections["Observations on offer"].shown
     assert isinstance(table, Table)
     assert [row[0].split(",")[0] for row in table.rows] == [
-        f"sensor {k}" for k in range(11, 6, -1)
+        f"“sensor {k}”" for k in range(11, 6, -1)
     ]
     assert table.caption.startswith(
         "The 5 of the largest net value are shown, that first, of 12 on offer."
@@ -500,6 +574,9 @@ def test_of_many_observations_the_most_valuable_are_listed_and_the_others_counte
     assert isinstance(costs, Table)
     assert sum("sensor" in row[0] for row in costs.rows) == 5
     assert dict(plan_page(plan, Words("en")).facts)["Costs used"].count("sensor") == 5
+    for other in plan["information"]:
+        other["net"] = -1.0  # what is not worth its cost is in no option
+    assert "sensor" not in dict(plan_page(plan, Words("en")).facts)["Costs used"]
     plan["information"] = [one]
     [few] = list(plan_sections(plan, Words("en")))[-1].shown
     assert isinstance(few, Table)

@@ -9,18 +9,23 @@ from slowtime_services.reports.first_page import (
     Alternative,
     Confidence,
     FirstPage,
+    Level,
     made_at,
     subject_of,
 )
 from slowtime_services.reports.page import write_page
-from slowtime_services.reports.words import Words
+from slowtime_services.reports.words import MOST_SURE, Words
 
-from .plan_details import PER_TIME, observation_name, plan_sections
+from .plan_details import PER_TIME, expected_order, observation_name, plan_sections
 from .plan_options import (
+    cost_of,
+    day_of,
+    difference_of,
     has_no_unit,
     last_words,
     moment_of,
     money_of,
+    more_than_best,
     option_words,
     quantity_in,
     shown_observations,
@@ -118,8 +123,7 @@ def _definition(plan: Answer, words: Words) -> str:
         said.append(
             words(
                 "plan.present_down" if now["value"] < 0 else "plan.present_up",
-                instant=_last_reading(plan, words), quantity=quantity, size=size, sd=sd,
-                limit=words.percent(failure["threshold"]), condition=_condition(plan, words),
+                quantity=quantity, size=size, sd=sd, condition=_condition(plan, words),
             )
         )  # fmt: skip
     if last["lead_time"] > 0 and last["now_effect"] is not None:
@@ -136,7 +140,8 @@ def _definition(plan: Answer, words: Words) -> str:
             horizon=span_of(plan, plan["horizon"]["ahead"], words),
         )
     )
-    said.append(words("plan.counted_bare" if has_no_unit(plan) else "plan.counted"))
+    key = "plan.counted_bare" if has_no_unit(plan) else "plan.counted"
+    said.append(words(key, instant=_last_reading(plan, words)))
     return " ".join(said)
 
 
@@ -185,10 +190,24 @@ def _answer(plan: Answer, words: Words) -> str:
     else:
         said.append(words(f"plan.{last['status']}"))
     horizon = span_of(plan, plan["horizon"]["ahead"], words)
-    cost = money_of(plan, best["cost"]["value"], words)
     if act != "undecided":
-        said.append(words("plan.cost", cost=cost, horizon=horizon))
+        said.append(words("plan.cost", cost=cost_of(plan, best, words), horizon=horizon))
+    said += _present(plan, words)
     return " ".join(said)
+
+
+def _present(plan: Answer, words: Words) -> Iterator[str]:
+    """Write the loss so far beside that which counts as a failure."""
+    failure = plan["failure"]
+    now = failure.get("estimate")
+    if now is not None:
+        way = "down" if now["value"] < 0 else "up"
+        yield words(
+            f"plan.head_{way}_{failure['toward']}",
+            quantity=quantity_in(plan, words),
+            size=words.number(100.0 * abs(now["value"]), 2),
+            limit=words.percent(abs(failure["threshold"])),
+        )
 
 
 def _compared(plan: Answer, words: Words) -> list[str]:
@@ -202,16 +221,52 @@ def _compared(plan: Answer, words: Words) -> list[str]:
 
 def _confidence(plan: Answer, words: Words) -> Confidence:
     apart = plan["difference"]
+    risk = _risk(plan, words)
     if apart is None:
-        return Confidence("high", words("plan.alone"))
-    value, lo, hi = (money_of(plan, apart[name], words) for name in ("value", "lo", "hi"))
-    other = _compared(plan, words)[1]
-    key = "plan.confidence_exact" if value == lo == hi else "plan.confidence"
-    told = words(key, other=other, value=value, lo=lo, hi=hi)
+        return Confidence("high", f"{words('plan.alone')} {risk}")
+    lo, hi = (money_of(plan, apart[name], words) for name in ("lo", "hi"))
+    exact = money_of(plan, apart["value"], words) == lo == hi
+    key = "plan.confidence_exact" if exact else "plan.confidence"
+    other, value = _compared(plan, words)[1], difference_of(plan, words)
+    told = " ".join(
+        [*_nearest(plan, words), words(key, other=other, value=value, lo=lo, hi=hi), risk]
+    )
     if not plan["decided"]:
         return Confidence("low", told, words("confidence.undecided"))
-    level = "high" if apart["lo"] > 0 else "medium"
-    return Confidence(level, told)  # type: ignore[arg-type]
+    level: Level = "high" if apart["lo"] > 0 else "medium"
+    return Confidence(level, told, words(f"plan.sure_{_against(plan)}_{level}"))
+
+
+def _against(plan: Answer) -> str:
+    """Name what the best option is compared with: acting, waiting, or another action."""
+    now = {option["words"]: option["now"] for option in plan["options"]}
+    if plan["options"][0]["now"] == "wait":
+        return "wait"
+    return "act" if now.get(plan["difference"]["other"]) == "wait" else "other"
+
+
+def _nearest(plan: Answer, words: Words) -> Iterator[str]:
+    """Name the next cheapest option, where it is none of the two that are compared."""
+    for option in plan["options"][1:2]:
+        if option["words"] not in (plan["difference"]["other"], plan["difference"]["best"]):
+            name, value = option_words(option, plan, words), more_than_best(plan, option, words)
+            yield words("plan.nearest", name=name, value=value)
+
+
+def _risk(plan: Answer, words: Words) -> str:
+    """Bound the probability of a failure within the horizon if the plan is followed.
+
+    No probability exceeds the expected number of failures (Markov's inequality).
+    """
+    most, limit = min(plan["options"][0]["failures"], 1.0), plan["last_order"]["limit"]
+    bound = words("plan.at_most", p=words.percent(most))
+    told = {
+        "p": words.probability(most) if most < 1.0 - MOST_SURE else bound,
+        "horizon": span_of(plan, plan["horizon"]["ahead"], words),
+    }
+    if limit is None:
+        return words("plan.risk", **told)
+    return words("plan.risk_accepted", accepted=words.percent(limit), **told)
 
 
 def _alternatives(plan: Answer, words: Words) -> Iterator[Alternative]:
@@ -219,9 +274,9 @@ def _alternatives(plan: Answer, words: Words) -> Iterator[Alternative]:
     other = None if plan["difference"] is None else plan["difference"]["other"]
     beside = sorted(plan["options"][1:], key=lambda option: option["words"] != other)
     for option in sorted(beside[:MOST_BESIDE], key=lambda one: one["cost"]["value"]):
-        cost = money_of(plan, option["cost"]["value"], words)
+        cost, value = cost_of(plan, option, words), more_than_best(plan, option, words)
         name = option_words(option, plan, words)
-        yield Alternative(name, words("plan.expected", cost=cost))
+        yield Alternative(name, words("plan.expected", cost=cost, value=value))
 
 
 def _actions(plan: Answer, words: Words) -> Iterator[str]:
@@ -230,25 +285,27 @@ def _actions(plan: Answer, words: Words) -> Iterator[str]:
     if gone:
         yield words("plan.do_read_again")
     in_time = last["status"] == "due" and best_option["name"] == "read_on"
-    if plan["decided"] and in_time:
+    at_threshold = _waits_for_threshold(plan) and not gone
+    if at_threshold:
+        yield _order_at_threshold(plan, words)
+    elif plan["decided"] and in_time:
         at = span_of(plan, best_option["parameters"]["at"], words)
         yield words("plan.do_read_on", at=at)
     elif plan["decided"]:
         yield words("plan.do_option", name=option_words(plan["options"][0], plan, words))
     elif plan["difference"] is not None and in_time:
         at = span_of(plan, best_option["parameters"]["at"], words)
-        value = money_of(plan, plan["difference"]["value"], words)
-        yield words("plan.do_read_most", at=at, value=value)
+        yield words("plan.do_read_most", at=at, value=difference_of(plan, words))
     elif plan["difference"] is not None:
         best = _compared(plan, words)[0]
         yield words(
             "plan.do_undecided",
             best=best,
-            cost=money_of(plan, plan["options"][0]["cost"]["value"], words),
+            cost=cost_of(plan, plan["options"][0], words),
             horizon=span_of(plan, plan["horizon"]["ahead"], words),
-            value=money_of(plan, plan["difference"]["value"], words),
+            value=difference_of(plan, words),
         )
-    if last["status"] == "due" and not gone and not in_time:
+    if last["status"] == "due" and not (gone or in_time or at_threshold):
         yield words("plan.do_order", when=moment_of(plan, last["order"], words))
     orders = plan["action"] == "repair" or best_option["name"] == CLOSED_FOR_REPAIR
     if plan["decided"] and orders and last["now_effect"] is not None:
@@ -260,6 +317,28 @@ def _actions(plan: Answer, words: Words) -> Iterator[str]:
         yield words("plan.do_inform", name=observation_name(first, words), net=net)
     if best_option["name"] != "close" and not gone:
         yield words("plan.do_again")
+
+
+def _waits_for_threshold(plan: Answer) -> bool:
+    """Whether a repair is ordered once the estimate reaches a value, before a last day."""
+    last, best = plan["last_order"], plan["options"][0]
+    ordered = best["name"] == "estimate_threshold" and last["lead_time"] > 0
+    return plan["decided"] and ordered and last["status"] == "due"
+
+
+def _order_at_threshold(plan: Answer, words: Words) -> str:
+    """Write one instruction: when to order, when that is expected, and at the latest."""
+    best = plan["options"][0]
+    order = expected_order(best, plan)
+    expected = ""
+    if order is not None:
+        expected = words("plan.do_order_expected", when=day_of(plan, order, words))
+    return words(
+        "plan.do_order_at",
+        reading=words.percent(best["parameters"]["damage"] * plan["failure"]["threshold"]),
+        expected=expected,
+        last=moment_of(plan, plan["last_order"]["order"], words),
+    )
 
 
 def _facts(plan: Answer, words: Words) -> Iterator[tuple[str, str]]:
@@ -288,5 +367,6 @@ def _costs(plan: Answer, words: Words) -> Iterator[str]:
         per = words(f"plan.per.{plan['time_unit']}") if name in PER_TIME else ""
         yield f"{words(f'plan.item.{name}')} {amount} {per}".rstrip()
     for one in shown_observations(plan):
-        if one["cost"] > 0 and one["kind"] == "readings":
+        # A sensor that is not worth its cost is in no option: its price decides nothing.
+        if one["cost"] > 0 and one["net"] > 0 and one["kind"] == "readings":
             yield f"{observation_name(one, words)} {money_of(plan, one['cost'], words)}"

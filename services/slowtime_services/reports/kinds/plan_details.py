@@ -10,6 +10,9 @@ from slowtime_services.reports.words import Words
 from .plan_options import (
     ORDERED,
     amount_text,
+    cost_digits,
+    cost_of,
+    difference_of,
     instant_at,
     is_dated,
     last_words,
@@ -50,11 +53,12 @@ def plan_sections(plan: Answer, words: Words, costs: Chart | None = None) -> Ite
         return
     yield Section("Reasons", list(_reasons(plan, words)), translated=True)
     largest = max(abs(option["cost"]["hi"]) for option in plan["options"])
+    digits = cost_digits(plan)
     rows = [
         (
             option_words(option, plan, words),
             words.known(f"plan.now.{option['now']}") or option["now"],
-            *(amount_text(option["cost"][part], largest, words) for part in COST_PARTS),
+            *(amount_text(option["cost"][part], largest, words, digits) for part in COST_PARTS),
             words.number(option["failures"], 2),
         )
         for option in plan["options"]
@@ -95,9 +99,9 @@ WORTH_HEADS = ("observation", "value", "net value", "changes the action")
 
 
 def observation_name(one: Mapping[str, Any], words: Words) -> str:
-    """Name an observation; the owner's name of it is kept."""
+    """Name an observation; one that the owner has named by that name, in quotation marks."""
     if one["kind"] != "readings" or not _MORE.fullmatch(one["name"]):
-        return str(one["name"])
+        return words("quoted", name=one["name"])
     key = "plan.one_reading" if one["count"] == 1 else "plan.more_readings"
     return words(key, n=one["count"])
 
@@ -116,7 +120,7 @@ def _reasons(plan: Answer, words: Words) -> Iterator[str]:
         return option_words(known[name], plan, words) if name in known else name
 
     best, apart = plan["options"][0], plan["difference"]
-    cost = money_of(plan, best["cost"]["value"], words)
+    cost = cost_of(plan, best, words)
     said = [
         words(
             "plan.reason_best", best=option_words(best, plan, words), cost=cost,
@@ -125,7 +129,8 @@ def _reasons(plan: Answer, words: Words) -> Iterator[str]:
         )
     ]  # fmt: skip
     if apart is not None:
-        value, lo, hi = (money_of(plan, apart[part], words) for part in COST_PARTS)
+        lo, hi = (money_of(plan, apart[part], words) for part in LOW_HIGH)
+        value = difference_of(plan, words)
         other = named(apart["other"])
         if plan["decided"]:
             said.append(words("plan.reason_other", other=other, value=value))
@@ -158,13 +163,21 @@ def _falls_due(best: Answer, plan: Answer, words: Words) -> str:
     if median is None:
         return words("plan.never_due")
     when = moment_of(plan, median, words)
-    lead = plan["last_order"]["lead_time"]
-    # Where months are given, a repair may wait for one: its time does not tell the order's.
-    if lead > 0 and best["name"] in ORDERED and not plan["months"]:
-        ordered = instant_at(plan, max(median["ahead"] - lead, 0.0))
+    ordered = expected_order(best, plan)
+    if ordered is not None:
         order = moment_of(plan, ordered, words)
         return words("plan.falls_due_ordered", order=order, when=when)
     return words("plan.falls_due", when=when)
+
+
+def expected_order(best: Answer, plan: Answer) -> Mapping[str, Any] | None:
+    """Give the median instant of the order of an option's first repair, where it is known."""
+    median = None if best["repair"] is None else best["repair"][1]
+    lead = plan["last_order"]["lead_time"]
+    # Where months are given, a repair may wait for one: its time does not tell the order's.
+    if median is None or lead <= 0 or best["name"] not in ORDERED or plan["months"]:
+        return None
+    return instant_at(plan, max(median["ahead"] - lead, 0.0))
 
 
 def _advice(plan: Answer, words: Words) -> str:
@@ -215,8 +228,8 @@ def _no_date(plan: Answer, words: Words) -> str:
     until = names.index("nothing") if "nothing" in names else 0
     for option in plan["options"][:until]:
         if option["name"] in TRIGGERED:
-            nothing = money_of(plan, plan["options"][until]["cost"]["value"], words)
-            cost = money_of(plan, option["cost"]["value"], words)
+            nothing = cost_of(plan, plan["options"][until], words)
+            cost = cost_of(plan, option, words)
             name = option_words(option, plan, words)
             return words("plan.no_date_but", option=name, cost=cost, nothing=nothing)
     return words("plan.no_date")

@@ -18,6 +18,14 @@ HOUR_S = 3600.0
 ROUNDING = 1e-9
 """Share of the largest cost [1] below which an amount is written as 0: what sums round off."""
 
+DIGITS, MOST_DIGITS = 3, 6
+"""Digits of an amount [1], and the most that a difference may call for. Source: three are read
+at a glance; beyond six, no forecast is as precise."""
+
+SAME_DIFFERENCE = 0.1
+"""Relative error [1] up to which a printed difference is the estimated one, where it has no
+interval. Source: its first digit is then right."""
+
 MOST_OBSERVATIONS = 5
 """Observations that are listed [1]: as many as can be weighed against each other at once."""
 
@@ -113,12 +121,71 @@ def last_words(plan: Mapping[str, Any], words: Words) -> str:
     return words("plan.last_day" if is_dated(plan) else "plan.last_time")
 
 
-def money_of(plan: Mapping[str, Any], amount: float, words: Words) -> str:
-    """Write an amount in three digits with its currency."""
-    return f"{amount_text(amount, 0.0, words)} {plan['currency']}"
+def day_of(plan: Mapping[str, Any], time: Mapping[str, Any], words: Words) -> str:
+    """Write an instant of a plan by its date alone, or by its distance."""
+    dated = time["t"] is not None and is_dated(plan)
+    return str(time["t"][:10]) if dated else moment_of(plan, time, words)
 
 
-def amount_text(amount: float, largest: float, words: Words) -> str:
-    """Write an amount in three digits; what sums round off, of `largest`, is nothing."""
-    rounded = 0.0 if abs(amount) < ROUNDING * largest else float(f"{amount:.3g}")
-    return words.whole(rounded, 15) if abs(rounded) >= 1000 else words.number(rounded)
+def money_of(plan: Mapping[str, Any], amount: float, words: Words, digits: int = DIGITS) -> str:
+    """Write an amount with its currency."""
+    return f"{amount_text(amount, 0.0, words, digits)} {plan['currency']}"
+
+
+def amount_text(amount: float, largest: float, words: Words, digits: int = DIGITS) -> str:
+    """Write an amount in so many digits; what sums round off, of `largest`, is nothing."""
+    rounded = 0.0 if abs(amount) < ROUNDING * largest else _rounded(amount, digits)
+    return words.whole(rounded, 15) if abs(rounded) >= 1000 else words.number(rounded, digits)
+
+
+def _rounded(amount: float, digits: int) -> float:
+    return float(f"{amount:.{digits}g}")
+
+
+def cost_digits(plan: Mapping[str, Any]) -> int:
+    """Digits of the options' costs with which their printed difference is the estimated one.
+
+    It is where it lies in the interval of the difference, or within a tenth of one that has
+    none.
+    """
+    apart = plan["difference"]
+    pair = None if apart is None else _compared_costs(plan)
+    if pair is None:
+        return DIGITS
+    wide = 0.0 if apart["lo"] < apart["hi"] else SAME_DIFFERENCE * abs(apart["value"])
+    for digits in range(DIGITS, MOST_DIGITS):
+        shown = _rounded(pair[1], digits) - _rounded(pair[0], digits)
+        if apart["lo"] - wide <= shown <= apart["hi"] + wide:
+            return digits
+    return MOST_DIGITS
+
+
+def _compared_costs(plan: Mapping[str, Any]) -> tuple[float, float] | None:
+    """Costs of the best option and of the best that does something else now."""
+    known = {one["words"]: float(one["cost"]["value"]) for one in plan["options"]}
+    best, other = (known.get(plan["difference"][name]) for name in ("best", "other"))
+    return None if best is None or other is None else (best, other)
+
+
+def cost_of(plan: Mapping[str, Any], option: Mapping[str, Any], words: Words) -> str:
+    """Write the expected cost of an option."""
+    return money_of(plan, option["cost"]["value"], words, cost_digits(plan))
+
+
+def more_than_best(plan: Mapping[str, Any], option: Mapping[str, Any], words: Words) -> str:
+    """Write by how much an option costs more than the best, as the printed costs differ."""
+    return _difference(plan, plan["options"][0]["cost"]["value"], option["cost"]["value"], words)
+
+
+def difference_of(plan: Mapping[str, Any], words: Words) -> str:
+    """Write the difference of the two compared options, as their printed costs differ."""
+    pair = _compared_costs(plan)
+    if pair is None:
+        return money_of(plan, plan["difference"]["value"], words)
+    return _difference(plan, *pair, words)
+
+
+def _difference(plan: Mapping[str, Any], best: float, other: float, words: Words) -> str:
+    digits = cost_digits(plan)
+    apart = _rounded(other, digits) - _rounded(best, digits)
+    return money_of(plan, apart, words, MOST_DIGITS)
