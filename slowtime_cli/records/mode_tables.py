@@ -242,7 +242,7 @@ def write_report(
         Compared(mode.frequency_hz, models[one[0]][0], one[1]) for mode, one in meant if one
     ]
     first = modes_page(name, result, channels, words, **told)
-    spectra = _spectra(result, words(f"modes.picture_{captions.of}"), words)
+    spectra = _spectra(result, _spectra_caption(result, captions, words), words)
     sections = [
         Section("Modes", result.notes, [mode_table(result, models, words)]),
         *line_sections(result),
@@ -261,6 +261,14 @@ def write_report(
         path, f"{words('kind.modes')}: {first.subject}", first.answer, sections,
         first=first, picture=spectra, heading="Spectra", language=language,
     )  # fmt: skip
+
+
+def _spectra_caption(result: ModalResult, captions: Captions, words: Words) -> str:
+    """Explain the lines of the spectra; those of machines only where one is drawn."""
+    told = words(f"modes.picture_{captions.of}")
+    if all(mode.kind == "structural" for mode in result.modes):
+        return told
+    return f"{told} {words('modes.picture_lines')}"
 
 
 def _range(result: ModalResult) -> list[float]:

@@ -36,7 +36,7 @@ def gap_chart(document: DiagnosisFile) -> Chart:
     values = [gap.nominal, gap.refitted_nominal, *(s.nrmse for s in gap.steps)]
     colours = [NOMINAL, REFITTED, *[AUGMENTED] * len(gap.steps)]
     if gap.adopts_another:
-        names.append("adopted model")
+        names.append("corrected model")
         values.append(gap.augmented)
         colours.append(AUGMENTED)
     shown = [100 * min(value, 1e4) for value in [*values, gap.noise_floor]]
@@ -60,8 +60,9 @@ def gap_chart(document: DiagnosisFile) -> Chart:
                 "type": "log" if wide else "linear",
             },
         },
-        f"Error of the free run on {judged}, over the scatter of the measurement, averaged "
-        "over sensors. Nothing better than the noise alone is possible.",
+        f"Error of the free run on {judged}, over the standard deviation of the "
+        "measured signal, averaged over sensors. Nothing better than the noise alone is "
+        "possible.",
     )
 
 
@@ -76,7 +77,9 @@ def run_charts(diagnosis: Diagnosis, samples: int = WINDOW_SAMPLES) -> list[Char
         lines = [
             _line(traces.times_s[part], traces.measured[part, i], "measured", MEASURED, 2.5),
             _line(traces.times_s[part], traces.nominal[part, i], "original model", NOMINAL),
-            _line(traces.times_s[part], traces.augmented[part, i], "augmented", AUGMENTED),
+            _line(
+                traces.times_s[part], traces.augmented[part, i], "corrected model", AUGMENTED
+            ),
         ]
         charts.append(
             Chart(
@@ -103,7 +106,7 @@ def residual_charts(diagnosis: Diagnosis) -> list[Chart]:
             for name, values, colour, width in (
                 ("measured", spectra.measured, MEASURED, 1.0),
                 ("left by the refitted model", spectra.before, REFITTED, 1.5),
-                ("left by the augmented model", spectra.after, AUGMENTED, 1.5),
+                ("left by the corrected model", spectra.after, AUGMENTED, 1.5),
                 ("noise", spectra.noise, "#7b2fa0", 1.5),
             )
         ]
@@ -158,7 +161,7 @@ def _left_in_time(traces: Traces, i: int, sensor: Sensor) -> Chart:
     lines = []
     for name, run, colour in (
         ("refitted model", traces.refitted, REFITTED),
-        ("augmented model", traces.augmented, AUGMENTED),
+        ("corrected model", traces.augmented, AUGMENTED),
     ):
         times, left = _envelope(traces.times_s, traces.measured[:, i] - run[:, i])
         lines.append(_line(times, left, f"left by the {name}", colour))

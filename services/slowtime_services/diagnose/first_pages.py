@@ -27,7 +27,7 @@ from .constants import (
     changes_of,
     listed_changes,
 )
-from .labels import meaning_of, named, number, raised
+from .labels import meaning_of, named, number, raised, thousands_apart
 
 MOST_RIVALS, LEAST = 4, 0.01
 """Rivals that stand beside the answer [1], and the least probability of one [1]. Source: below
@@ -59,17 +59,18 @@ def diagnosis_page(
     files = [*document.records, *document.holdout]
     name = subject_of(structure or document.model, files[0] if files else "–", words)
     measured = [(round(first * 1e9), last - first) for first, last in document.measured_s]
-    gap = document.gap
+    gap, alike = document.gap, _alike_places(document, words)
     return FirstPage(
         kind="diagnosis",
         subject=name,
         question=words("diagnosis.question", name=name),
         answer=_answer(document, words),
         definition=changes_in_words(changes_of(diagnosis.nominal, diagnosis.augmented), words),
-        confidence=_confidence(document, words),
+        confidence=_confidence(document, alike, words),
         measured=measured_on(measured, words),
         actions=list(dict.fromkeys(_actions(diagnosis, document, words))),
-        alternatives=list(_rivals(document, words)),
+        alternatives=[*_rivals(document, words), *alike],
+        beside=_beside(document, alike, words),
         improvement=Improvement(
             given=100 * gap.nominal,
             refitted=100 * gap.refitted_nominal,
@@ -104,7 +105,7 @@ def _effect(effect: FoundEffect, words: Words) -> str:
     what = words("diagnosis.at", effect=effect_in(effect.effect, words), place=place)
     numbers = [
         f"{words.reason(meaning_of(effect.effect, name, n.unit))} "
-        f"{words.phrase(raised(number(n)))}"
+        f"{words.phrase(raised(thousands_apart(number(n))))}"
         for name, n in effect.parameters.items()
         if n.sd > 0
     ][:MOST_NUMBERS]
@@ -133,7 +134,16 @@ def _search_end(document: DiagnosisFile, words: Words) -> str:
     return words(f"diagnosis.ended_{ended.by}", used=words.number(ended.used_s, 3))
 
 
-def _confidence(document: DiagnosisFile, words: Words) -> Confidence:
+def _beside(document: DiagnosisFile, alike: Sequence[Alternative], words: Words) -> str:
+    """Head what stands beside the answer; empty for explanations that are less probable."""
+    if alike or document.verdict == "undecided":
+        return words("diagnosis.beside_alike")
+    return words("diagnosis.beside_tried") if document.verdict == "unknown_effect" else ""
+
+
+def _confidence(
+    document: DiagnosisFile, alike: Sequence[Alternative], words: Words
+) -> Confidence:
     nothing = document.nothing_probability
     if document.verdict == "undecided":
         best = max((rival.probability for rival in document.undecided), default=0.0)
@@ -144,7 +154,11 @@ def _confidence(document: DiagnosisFile, words: Words) -> Confidence:
     if document.effects:
         least = min(effect.probability for effect in document.effects)
         told = words("diagnosis.confidence", p=words.probability(least))
-        return Confidence(level_of(least), f"{told} {words('sd')}")
+        told = f"{told} {words('sd')}"
+        if alike and level_of(min(least, 1.0 - nothing)) == "high":
+            other = "; ".join(one.name for one in alike)
+            return Confidence("medium", told, words("diagnosis.sure_but_kind", other=other))
+        return Confidence(level_of(least), told)
     told = words("diagnosis.confidence_nothing", p=words.probability(nothing))
     return Confidence(level_of(nothing), told)
 
@@ -182,11 +196,11 @@ def _rivals(document: DiagnosisFile, words: Words) -> Iterator[Alternative]:
         nats = words.number(best.score, 2)
         told = words("diagnosis.best_force", nats=nats, p=words.number(best.p_value, 2))
         yield Alternative(words("diagnosis.unknown_force", place=place), told)
-    yield from _alike_places(document, words)
 
 
-def _alike_places(document: DiagnosisFile, words: Words) -> Iterator[Alternative]:
+def _alike_places(document: DiagnosisFile, words: Words) -> list[Alternative]:
     """Give the places where a force explains as much as at that of an effect that was found."""
+    every = []
     scores = {Where(kind=one.kind, id=one.id): one.score for one in document.where}
     for place in dict.fromkeys(effect.where for effect in document.effects):
         own = scores.get(place)
@@ -198,7 +212,8 @@ def _alike_places(document: DiagnosisFile, words: Words) -> Iterator[Alternative
         if alike:
             found = words("diagnosis.unknown_force", place=", ".join(alike))
             told = words("diagnosis.alike_places", place=place_in(place, words))
-            yield Alternative(found, told)
+            every.append(Alternative(found, told))
+    return every
 
 
 def _actions(diagnosis: Diagnosis, document: DiagnosisFile, words: Words) -> Iterator[str]:

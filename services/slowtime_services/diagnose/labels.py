@@ -11,6 +11,9 @@ from slowtime_schemas.files.diagnosis import Estimated
 UNIT = re.compile(r"(?:_(?:n|m[23]?|s2?|kg|hz|rad|c|per))+$")
 """A unit at the end of a parameter's name."""
 
+WHOLE = re.compile(r"(?<![\w.,])\d{5,}(?!\w)")
+"""Whole part of a number, of so many digits that its thousands are set apart."""
+
 SHORT_S = 0.1
 """Times below are written in milliseconds [s]."""
 
@@ -82,6 +85,17 @@ def rare(chance: float) -> str:
     ('0.034', 'below 1e-12')
     """
     return f"{chance:.2g}" if chance >= 1e-12 else "below 1e-12"
+
+
+def thousands_apart(text: str) -> str:
+    """Separate the thousands of whole parts of numbers of five digits and more.
+
+    Examples
+    --------
+    >>> thousands_apart("200000.2 ± 5.0 N/m^3"), thousands_apart("0.123456 ± 1e-05 m")
+    ('200,000.2 ± 5.0 N/m^3', '0.123456 ± 1e-05 m')
+    """
+    return WHOLE.sub(lambda found: f"{int(found[0]):,}", text)
 
 
 def number(estimated: Estimated) -> str:

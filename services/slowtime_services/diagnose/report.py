@@ -125,9 +125,9 @@ def _whiteness(document: DiagnosisFile) -> list[str]:
     """Write whether the residual is noise."""
     over = document.chi2_per_datum
     if document.residual_white:
-        word = "The residual of the augmented model cannot be distinguished from sensor noise"
+        word = "The residual of the corrected model cannot be distinguished from sensor noise"
     else:
-        word = "The residual of the augmented model exceeds the sensor noise"
+        word = "The residual of the corrected model exceeds the sensor noise"
     return [
         f"{word}: its mean square is {over:.3g} times that of the noise (1 is the best there "
         f"is); the chance of so much or more, were it noise, is {rare(document.white_p_value)}."
@@ -189,7 +189,7 @@ def _constants(diagnosis: Diagnosis, document: DiagnosisFile) -> Section:
         f"{moved.unit}."
         for moved in document.moved
     ]
-    headings = ("constant", "as given", "refitted", "augmented", "change")
+    headings = ("constant", "as given", "refitted", "corrected", "change")
     return Section("Constants", words, [Table(headings, rows)])
 
 

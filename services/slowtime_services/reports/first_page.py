@@ -76,7 +76,7 @@ class Improvement:
     ----------
     given, refitted, final
         Error of the model as given; with its constants refitted and nothing added (None where
-        nothing was refitted); and of the model that is adopted [unit].
+        nothing was refitted); and of the corrected model [unit].
     floor
         Error that the noise alone leaves [unit]; None if unknown.
     unit
@@ -129,7 +129,9 @@ class FirstPage:
     actions
         What to do, the most urgent first.
     alternatives
-        Answers that fit about as well.
+        Other answers, beside this one.
+    beside
+        Heading of the alternatives; empty for the usual one of the kind.
     weighed
         What the alternatives would change, or what speaks against them; empty for nothing.
     facts
@@ -147,6 +149,7 @@ class FirstPage:
     measured: str
     definition: str = ""
     alternatives: Sequence[Alternative] = ()
+    beside: str = ""
     weighed: str = ""
     improvement: Improvement | None = None
     facts: Sequence[tuple[str, str]] = ()
@@ -258,7 +261,8 @@ def _how_sure(confidence: Confidence, words: Words) -> str:
 
 
 def _alternatives(page: FirstPage, words: Words) -> Iterator[str]:
-    yield f'<aside class="alternatives"><h2>{_escaped(words(f"alternatives.{page.kind}"))}</h2>'
+    heading = page.beside or words(f"alternatives.{page.kind}")
+    yield f'<aside class="alternatives"><h2>{_escaped(heading)}</h2>'
     if page.alternatives:
         yield "<ul>"
         for one in page.alternatives[:MOST_ALTERNATIVES]:
@@ -289,10 +293,18 @@ def _improvement(one: Improvement | None, words: Words) -> Iterator[str]:
     cells = "".join(f"<td>{_escaped(amount(value))}</td>" for value in columns.values())
     yield f'<div class="wide"><table><thead><tr>{heads}</tr></thead>'
     yield f"<tbody><tr>{cells}</tr></tbody></table></div>"
-    said = [_change("given", one.given, one.final, words)]
-    if one.refitted is not None:
-        said.append(_change("refitted", one.refitted, one.final, words))
-    yield f"<p>{_whole(' '.join(said))} {_escaped(one.meaning)}</p></div>"
+    yield f"<p>{_whole(_changes(one, words))} {_escaped(one.meaning)}</p></div>"
+
+
+def _changes(one: Improvement, words: Words) -> str:
+    """Write the change against both models, as one where both are the same in print."""
+    given = _change("given", one.given, one.final, words)
+    if one.refitted is None:
+        return given
+    both = _change("both", one.given, one.final, words)
+    if both == _change("both", one.refitted, one.final, words):
+        return both
+    return f"{given} {_change('refitted', one.refitted, one.final, words)}"
 
 
 def _change(which: str, before: float, after: float, words: Words) -> str:

@@ -60,7 +60,7 @@ def test_the_best_rival_is_named_however_far_behind():
     )
     [rival] = page_of(effects=(far,)).alternatives
     assert rival.name == "gap symmetric at element j"
-    assert rival.measure == "the best rival that was tried, probability < 0.1 %"
+    assert rival.measure == "the most probable of those tried, probability < 0.1 %"
     weak = Suspect(Place("element", "j"), 0.31, 0.8, 1.0)
     [rival] = page_of(verdict="nothing_missing", effects=(), where=(weak,)).alternatives
     assert rival.name == "an unknown force at element j"

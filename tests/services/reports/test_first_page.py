@@ -15,7 +15,12 @@ from slowtime.dynamics.description import Description, Node, Spring
 from slowtime.identification.estimates import Measured
 from slowtime.identification.mode_shapes.criteria import mac
 from slowtime.identification.subspace.stabilisation import Stabilisation
-from slowtime_cli.records.mode_tables import line_sections, mode_table
+from slowtime_cli.records.mode_tables import (
+    AMBIENT,
+    _spectra_caption,
+    line_sections,
+    mode_table,
+)
 from slowtime_services.diagnose.first_pages import sketch_of
 from slowtime_services.reports import (
     LANGUAGES,
@@ -34,7 +39,12 @@ from slowtime_services.reports.kinds.plan import plan_page, write_plan_report
 from slowtime_services.reports.kinds.plan_details import plan_sections
 from slowtime_services.reports.kinds.plan_options import amount_text
 from slowtime_services.reports.kinds.plan_pictures import change_chart
-from slowtime_services.reports.kinds.state import Reference, state_page, write_state_report
+from slowtime_services.reports.kinds.state import (
+    Reference,
+    _picture,
+    state_page,
+    write_state_report,
+)
 from slowtime_services.reports.page import STYLE
 from slowtime_services.reports.words import FOLDER
 from tests.services.reports.reports_of_each_kind import (
@@ -47,10 +57,12 @@ from tests.services.reports.reports_of_each_kind import (
 )
 
 SAYS = {
-    ("modes", "en"): ["Which modes of vibration does “tower” have?", "2.5000 ± 0.0050 Hz",
+    ("modes", "en"): ["Which natural frequencies and modes of vibration does “tower” have?",
+                      "2.5000 ± 0.0050 Hz",
                       "1.20 ± 0.10 %", "7 Hz", "few orders", "10.00 Hz", "40 Hz", "600 s",
                       "Data tower.csv", "Measured (UTC) 2026-03-04 10:20"],
-    ("modes", "de"): ["Welche Moden hat „tower“?", "2,5000 ± 0,0050 Hz", "1,20 ± 0,10 %",
+    ("modes", "de"): ["Welche Eigenfrequenzen und Moden hat „tower“?", "2,5000 ± 0,0050 Hz",
+                      "1,20 ± 0,10 %",
                       "Abtastrate", "eine Mode verdecken können"],
     ("diagnosis", "en"): ["What does the model slide lack?", "cubic hardening at element j",
                           "gap symmetric", "Against the model as given the error falls by",
@@ -60,14 +72,14 @@ SAYS = {
                           "Gegenüber dem angepassten Modell"],
     ("reliability", "en"): ["How probable is a failure of Beam?", "That is too high: ",
                             "With 95 % certainty it is between 0.03", "Data beam.yaml",
-                            "first-order approximation (form): 0.0385",
+                            "first-order approximation: 0.0385",
                             "The answer is the same by all of these: too high.",
-                            "decides most about failure (50 % of the variance"],
+                            "better; it matters most (about 50 % of the uncertainty)"],
     ("reliability", "de"): ["Wie wahrscheinlich ist ein Versagen von Beam?",
                             "Mit 95 % Sicherheit liegt sie zwischen 0,03", "Das ist zu viel: ",
-                            "Näherung erster Ordnung (form): 0,0385",
+                            "Näherung erster Ordnung: 0,0385",
                             "Die Antwort ist nach allen diesen dieselbe: zu viel.",
-                            "(50 % der Varianz am"],
+                            "zählt am meisten (etwa 50 % der Unsicherheit)"],
     ("plan", "en"): ["What is to be done with Tower, and by when?",
                      "Last safe day to order a repair: 2028-12-28 (in 2.1 years).",
                      "61,200 EUR", "order a repair for an age of 3 years", "0.5 years",
@@ -78,15 +90,16 @@ SAYS = {
                      "Sicher, dass Abwarten billiger ist, als heute zu handeln."],
     ("state", "en"): ["Has lab.beam changed, and by how much?",
                       "At 40 d, by the last reading alone, the natural frequency has "
-                      "fallen by 13.40 ± 0.58 %", "and as much of the stiffness if mass,",
+                      "fallen by 13.40 ± 0.58 %",
+                      "equally sure that the stiffness fell, if mass,",
                       "unchanged, the stiffness has fallen by 25.0 ± 1.0 %.",
-                      "a change of mass by 33.3 ± 1.8 % instead", "3 (The nominal model is"],
+                      "33.3 ± 1.8 % more mass instead", "3 (The nominal model is"],
     ("state", "de"): ["Hat sich lab.beam geändert, und um wie viel?",
                       "Bei 40 d ist die Eigenfrequenz, nach der letzten Messung allein, "
                       "gegenüber dem Bezug der Anmeldung "
                       "um 13,40 ± 0,58 % gesunken.",
                       "ist die Steifigkeit um 25,0 ± 1,0 % gesunken.",
-                      "eine Änderung der Masse um 33,3 ± 1,8 %"],
+                      "stattdessen 33,3 ± 1,8 % mehr Masse"],
 }  # fmt: skip
 
 """Kinds whose details are in the language of the page."""
@@ -103,7 +116,6 @@ def written(tmp_path, kind, language, ending="html"):
 @pytest.mark.parametrize(("kind", "language"), EACH)
 def test_the_first_page_answers_and_says_how_sure_and_what_to_do(tmp_path, kind, language):
     page = written(tmp_path, kind, language).read_text(encoding="utf-8")
-    words = Words(language)
     assert f'<html lang="{language}">' in page
     found = re.search(r'<header class="first">(.*?)</header>', page, re.DOTALL)
     assert found is not None
@@ -116,7 +128,7 @@ def test_the_first_page_answers_and_says_how_sure_and_what_to_do(tmp_path, kind,
     for part in ("question", "confidence", "alternatives", "do", "facts", "chart"):
         assert len(re.findall(rf'class="{part}[ "]', head)) == 1, part
     assert len(re.findall("<h1[ >]", page)) == 1
-    assert re.search(r'<div class="do"><h2>[^<]*</h2><ol>\s*<li>[^<]+</li>', head)
+    assert re.search(r'<div class="do"><h2>[^<]*</h2><ol>\s*<li>.+</li>', head)
     # Alternatives stand beside the answer: within its row, before the picture.
     assert head.index("alternatives") < head.index('class="chart"')
     assert re.search(r'<p class="confidence (high|medium|low)"><strong>[^<]+</strong>', head)
@@ -160,6 +172,10 @@ def test_an_improvement_is_stated_against_both_models():
     assert "the error falls by 87.5 %." in text
     assert "to which nothing was added, it falls by 75 %." in text
     assert text.count("40 % 20 % 5 % 1 %") == 1
+    assert page.improvement is not None
+    tiny = dataclasses.replace(page.improvement, final=0.01)
+    same = dataclasses.replace(page, improvement=dataclasses.replace(tiny, refitted=39.0))
+    assert first_page(same, Words("en"), "").count("falls by 100") == 1
 
 
 def test_a_change_that_is_not_certain_is_not_called_one():
@@ -187,11 +203,31 @@ def test_what_a_frequency_knows_is_said_where_its_parts_are_not_known():
     assert page.confidence.level == "high"
     assert any("tell stiffness from mass" in action for action in page.actions)
     assert [one.name for one in page.alternatives][:2] == [
-        "a change of stiffness by −18.18 ± 0.12 % instead",
-        "a change of mass by 22.22 ± 0.17 % instead",
+        "18.18 ± 0.12 % less stiffness instead",
+        "22.22 ± 0.17 % more mass instead",
     ]
     told[-1] |= {"correlation": 0.0}
     assert "ratio of stiffness" not in state_page("b", told, "both", Words("en")).answer
+
+
+def test_headline_and_picture_of_a_state_are_of_the_same_quantity():
+    sure, small = states(0.25), states(0.01, 0.02)
+    chart = _picture(sure, "stiffness", Words("en"))
+    assert chart.layout["yaxis"]["title"]["text"] == "change of natural frequency [%]"
+    # The last point is the number of the headline.
+    assert chart.data[1]["y"][-1] == pytest.approx(-13.40, abs=0.005)
+    chart = _picture(small, "stiffness", Words("en"))
+    assert chart.layout["yaxis"]["title"]["text"] == "change of stiffness [%]"
+    assert chart.data[1]["y"][-1] == pytest.approx(-1.0)
+
+
+def test_what_was_not_measured_is_not_said_to_fit():
+    page = state_page("b", states(0.25), "stiffness", Words("en"))
+    assert [one.name for one in page.alternatives] == ["33.3 ± 1.8 % more mass instead"]
+    assert page.weighed == "Temperature, load, supports: not measured, so not ruled out."
+    assert page.actions[0].startswith("Have the structure inspected")
+    assert page.actions[-1].startswith("Commands: slowtime twin plan")
+    assert state_page("b", states(0.01, 0.02), "stiffness", Words("en")).weighed == ""
 
 
 def stepped(size):
@@ -326,7 +362,9 @@ def test_differences_of_costs_follow_from_the_printed_costs():
     assert [one.measure for one in page.alternatives] == [
         "expected cost 73,000 EUR, 900 EUR more", "expected cost 74,200 EUR, 2,100 EUR more",
     ]  # fmt: skip
-    assert page.confidence.number.startswith("The next cheapest plan – order a repair for an age")
+    assert page.confidence.number.startswith(
+        "The next cheapest plan – order a repair for an age"
+    )
     assert "– costs 2,100 EUR more (90 % interval: 1,900 EUR to 2,120 EUR)." in (
         page.confidence.number
     )
@@ -364,7 +402,9 @@ def test_a_plan_that_waits_for_a_threshold_is_one_instruction():
     assert said in page.actions
     assert not any("Follow the plan" in one or "calendar" in one for one in page.actions)
     german = plan_page(plan, Words("de")).actions
-    assert any(one.startswith("Noch nicht bestellen. Die Reparatur bestellen") for one in german)
+    assert any(
+        one.startswith("Noch nicht bestellen. Die Reparatur bestellen") for one in german
+    )
     plan["last_order"] |= {"status": "beyond", "order": None}
     assert any("Follow the plan" in one for one in plan_page(plan, Words("en")).actions)
 
@@ -708,7 +748,9 @@ def test_modes_beyond_the_channels_and_those_flagged_beside_a_line_are_doubtful(
     causes = [[one.cause for one in every] for every in doubts_of(result, Words("de"))]
     assert causes == [["beside_line"], [], [], ["beyond"]]
     page = modes_page("t", result, CHANNELS, Words("de"))
-    assert page.answer.startswith("2 Moden sind brauchbar: 3,000; 4,000 Hz; 2 weitere sind")
+    assert page.answer.startswith(
+        "2 Moden sind brauchbar: 3,0000 ± 0,0060; 4,0000 ± 0,0080 Hz; 2 weitere sind"
+    )
     # As many modes as channels are no reason for doubt, however alike two of them are.
     assert doubts_of(modal_result_of(tuple(modes[1:])), Words("de")) == [[], [], []]
 
@@ -745,10 +787,18 @@ def test_a_report_on_modes_says_what_speaks_against_other_readings():
     page = modes_page("t", result, CHANNELS, words, rate_hz=40.0)
     likeness = mac(modes[0].shape, modes[1].shape)
     said = (
-        "No usable mode is another one seen twice: the most alike, at 2.5 and 5 Hz, have a MAC "
-        f"of {likeness:.2f} (1: same shape)."
+        "No usable mode is another one seen twice: even of the most alike, at 2.5 and 5 Hz, "
+        f"the shapes are alike in part (MAC {likeness:.2f})."
     )
+    assert 0.5 < likeness < 0.9
+    other = mode_at(5.0, shape=(0.1, -0.2, 1.0))
+    apart = modes_page("t", modal_result_of((modes[0], other)), CHANNELS, words)
+    assert "and 5 Hz, the shapes differ completely (MAC 0.00)." in apart.weighed
     assert page.weighed == f"No line of a machine is in the record. {said}"
+    assert page.confidence.said == "High confidence in the frequencies."
+    # The ± of each mode is on the first page, and that of the lowest once.
+    assert "2.5000 ± 0.0050; 5.000 ± 0.010; 9.000 ± 0.018 Hz" in page.answer
+    assert page.definition.startswith("The lowest, at 2.5000 Hz, has a damping ratio")
     shown = html.unescape(re.sub(r"<[^>]+>", "", first_page(page, words, "")))
     assert said in shown
     # Responses to measured forces are not searched for lines, and one shape has no other.
@@ -760,6 +810,14 @@ def test_a_report_on_modes_says_what_speaks_against_other_readings():
     assert modes_page("t", seen, CHANNELS, words).weighed.endswith(
         "the rarest, at 2.5 Hz, is in 90 % of the model orders."
     )
+
+
+def test_lines_of_machines_are_explained_only_where_they_are_drawn():
+    words = Words("en")
+    lines = (mode_at(2.5), mode_at(10.0, "harmonic"))
+    for modes, drawn in ((lines, True), (lines[:1], False)):
+        told = _spectra_caption(modal_result_of(modes), AMBIENT, words)
+        assert ("Dashed: lines of machines." in told) == drawn
 
 
 def test_small_costs_are_written_and_rounding_is_not():

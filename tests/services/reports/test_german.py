@@ -224,7 +224,7 @@ def test_translations_have_the_values_of_the_english_ones():
         (
             "With the updated model, the error on the held-out record falls from 30 % to "
             "2.1 %, the noise floor.",
-            "Mit dem aktualisierten Modell fällt der Fehler auf der zurückgehaltenen "
+            "Mit dem korrigierten Modell fällt der Fehler auf der zurückgehaltenen "
             "Aufzeichnung von 30 % auf 2,1 %, den Rauschboden.",
         ),
         (

@@ -189,7 +189,8 @@ def test_a_report_on_reliability_says_what_failure_means_and_of_which_time():
 
     full = page(failure="the beam breaks", period="50 years", accepted=1e-3)
     assert full.definition == (
-        "Failure means: the beam breaks. The probability is that of 50 years."
+        "Failure means, in the words of the file: “the beam breaks”. The probability is that "
+        "of “50 years”."
     )
     ratio = found[0].probability / 1e-3
     assert found[0].interval is not None
@@ -203,14 +204,18 @@ def test_a_report_on_reliability_says_what_failure_means_and_of_which_time():
     assert "The file states no period" in bare.definition
     assert bare.actions[-1].startswith("State in the file what fails")
     assert bare.answer.endswith(
-        "Whether that is too high is open: the file states no accepted probability (key "
-        "accepted)."
+        "Whether that is too high is open: the file states no accepted probability."
     )
     # Without a verdict, what others accept is something to compare with.
     usual = 0.5 * math.erfc(3.8 / math.sqrt(2.0))
-    assert "aims at 7.2·10⁻⁵ (about 1 in 14,000)" in bare.actions[0]
+    assert "It cannot be compared with EN 1990" in bare.actions[0]
+    assert "cannot be compared" in page(period="one occurrence of the loads").actions[0]
+    told = page(period="50 years").actions[0]
+    assert "aims at 7.2·10⁻⁵ (about 1 in 14,000) for a collapse within 50 years" in told
     times = Words().number(found[0].probability / usual, 2)
-    assert f"the probability found here is {times} times that." in bare.actions[0]
+    assert f"the probability found here is {times} times that." in told
+    # Of one year, table B.2 has an index of 4.7, a probability of 1.3e-6.
+    assert "aims at 1.4·10⁻⁶" in page(period="a year").actions[0]
     kept = page(accepted=4 * found[0].probability)
     assert kept.actions[0].startswith("Nothing to do now")
     assert "That is acceptable: about a quarter of the accepted 0.06" in kept.answer
@@ -239,7 +244,7 @@ def test_methods_that_disagree_never_stand_under_high_confidence(others, level):
     found = [result_of("importance", 1.81e-3), *(result_of(*one) for one in others)]
     page = reliability_page("b.yaml", problem, found, Words(), seed=1)
     assert page.confidence.level == level
-    assert ("form gives" in page.confidence.number) == (level == "medium")
+    assert ("first-order approximation gives" in page.confidence.number) == (level == "medium")
 
 
 @pytest.mark.parametrize(
@@ -250,10 +255,11 @@ def test_methods_that_disagree_never_stand_under_high_confidence(others, level):
         (1.81e-3, [2e-3, 3e-3], "By all of these it is too high."),
         (1e-3, [2e-4, 3e-4], "By all of these it is acceptable."),
         (1e-3, [2e-3, 3e-4], "on the method: too high by other 0, acceptable by other 1."),
-        (None, [2e-3, 3e-3], "All methods give 0.00181 to 0.003: which one is asked changes "
-                             "the answer by a factor of up to 1.7."),
-        (None, [0.0], "All methods give 0 to 0.00181: which one is asked changes the answer "
-                      "by a factor of up to ∞."),
+        (None, [2e-3, 3e-3], "Two other calculations give 0.002 and 0.003, up to 1.7 times "
+                             "higher."),
+        (None, [1e-3, 3e-3, 2e-3], "Three other calculations give 0.001, 0.002 and 0.003, from "
+                                   "1.8 times lower to 1.7 times higher."),
+        (None, [0.0], "One other calculation gives 0, up to ∞ times lower."),
         (1e-3, [], ""),
     ],
 )  # fmt: skip
@@ -267,8 +273,11 @@ def test_a_report_on_reliability_says_what_the_other_methods_would_change(
     page = reliability_page("b.yaml", problem, found, Words(), seed=1, stated=stated)
     assert said in page.weighed
     assert bool(said) == bool(page.weighed)
-    within = "No other method lies within this interval" in page.confidence.number
-    assert within == bool(others)
+    known = result_of("importance", 1.81e-3).interval
+    assert known is not None
+    lo, hi = min([known[0], *others]), max([known[1], *others])
+    every = f"over all methods it is between {Words().number(lo)} and {Words().number(hi)}."
+    assert (every in page.confidence.number) == bool(others)
 
 
 def test_every_method_has_a_name_in_reports_of_both_languages():
@@ -393,6 +402,11 @@ def test_places_that_only_the_law_tells_apart_stand_beside_the_answer(scores, na
     alike = [one for one in page.alternatives if "only the law" in one.measure]
     assert [one.name for one in alike] == ([] if name is None else [name])
     assert all(one.measure.startswith("explains as much as one at element j:") for one in alike)
+    # What fits as well is not called sure, and what is less probable does not fit as well.
+    assert page.beside == ("" if name is None else "Fits as well")
+    said = f"sure of its kind only if this is ruled out: {name}."
+    assert page.confidence.said.endswith(said if name else "")
+    assert page.confidence.level == ("high" if name is None else "medium")
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from slowtime_services.reports.first_page import (
 )
 from slowtime_services.reports.words import Words
 
-from .mode_doubts import ALIKE, Doubt, alike_groups, doubts_of
+from .mode_doubts import ALIKE, ALIKE_BEYOND, Doubt, alike_groups, doubts_of
 
 MOST_DOUBTS = 2
 """Doubts about one mode that the first page tells [1]: the table below has flags and shapes."""
@@ -29,6 +29,10 @@ MOST_LISTED = 10
 """Frequencies that a first page lists [1]: two lines."""
 MOST_REASONS = 3
 """Reasons for doubts that the headline names [1]: the table has all."""
+
+LIKENESS = {0.1: "completely", ALIKE_BEYOND: "clearly", 1.0: "partly"}
+"""MAC [1] up to which shapes are said to differ so. Source: at 0.1 nine tenths of a shape are
+not the other's; from `ALIKE_BEYOND` on, more of it is the other's than its own."""
 
 SAME_SDS, SAME_SHARE = 2.0, 0.01
 """Differences of a model's frequency up to which the model is kept: in combined standard
@@ -105,7 +109,8 @@ def modes_page(
             n=len(modes),
             sd=words.percent(float(np.median(relative)), 2),
         )
-        confidence = Confidence(level_of(len(clean) / len(modes)), told)
+        level = level_of(len(clean) / len(modes))
+        confidence = Confidence(level, told, words(f"modes.sure_{level}"))
     else:
         confidence = Confidence("low", words("modes.no_confidence"))
     return FirstPage(
@@ -180,7 +185,7 @@ def _count(clean: Sequence[Mode], doubts: Sequence[Sequence[Doubt]], words: Word
     if len(clean) == 1:
         said = words("modes.one", **_estimate(clean[0], words))
     elif clean:
-        said = words("modes.answer", n=len(clean), listed=_listed(clean, words))
+        said = words("modes.answer", n=len(clean), listed=_listed(clean, words, sd=True))
     else:
         said = words("modes.none_usable")
     doubtful = len(doubts) - len(clean)
@@ -225,9 +230,17 @@ def _model_action(compared: Sequence[Compared], words: Words) -> str:
     return words("modes.do_keep_share", share=share, limit=words.percent(SAME_SHARE))
 
 
-def _listed(modes: Sequence[Mode], words: Words) -> str:
-    """List frequencies; of many the first, and how many more there are."""
-    shown = [words.digits(mode.frequency_hz.value, 4) for mode in modes[:MOST_LISTED]]
+def _listed(modes: Sequence[Mode], words: Words, *, sd: bool = False) -> str:
+    """List frequencies; of many the first, and how many more there are.
+
+    `sd` sets its standard deviation beside each.
+    """
+    shown = [
+        " ± ".join(words.measured(mode.frequency_hz.value, mode.frequency_hz.sd))
+        if sd
+        else words.digits(mode.frequency_hz.value, 4)
+        for mode in modes[:MOST_LISTED]
+    ]
     more = len(modes) - len(shown)
     rest = f" {words('modes.more', n=more)}" if more else ""
     return f"{'; '.join(shown)} Hz{rest}"
@@ -281,8 +294,11 @@ def _weighed(
         pairs = itertools.combinations(clean, 2)
         first, second = max(pairs, key=lambda pair: mac(pair[0].shape, pair[1].shape))
         a, b = (words.number(one.frequency_hz.value, 4) for one in (first, second))
-        alike = words.localised(f"{mac(first.shape, second.shape):.2f}")
-        yield words("modes.weighed_shapes", a=a, b=b, mac=alike)
+        alike = mac(first.shape, second.shape)
+        told = words.localised(f"{alike:.2f}")
+        key = next(name for most, name in LIKENESS.items() if alike <= most)
+        likeness = words(f"modes.differ_{key}")
+        yield words("modes.weighed_shapes", a=a, b=b, likeness=likeness, mac=told)
     # Without models of rising order, quality means something else.
     if len(result.stabilisation.order):
         least = min(clean, key=lambda one: one.quality)

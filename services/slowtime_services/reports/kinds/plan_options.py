@@ -174,7 +174,9 @@ def cost_of(plan: Mapping[str, Any], option: Mapping[str, Any], words: Words) ->
 
 def more_than_best(plan: Mapping[str, Any], option: Mapping[str, Any], words: Words) -> str:
     """Write by how much an option costs more than the best, as the printed costs differ."""
-    return _difference(plan, plan["options"][0]["cost"]["value"], option["cost"]["value"], words)
+    return _difference(
+        plan, plan["options"][0]["cost"]["value"], option["cost"]["value"], words
+    )
 
 
 def difference_of(plan: Mapping[str, Any], words: Words) -> str:

@@ -1,6 +1,7 @@
 """The report on a probability of failure by several methods."""
 
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from statistics import NormalDist
@@ -44,9 +45,14 @@ MOST_POINTS = 5
 MOST_NAMED = 12
 """Inputs that a first page names [1]: two lines."""
 
-BETA_OF_COLLAPSE = 3.8
-"""Reliability index [1] of the collapse of an ordinary building within 50 years (class RC2).
-Source: EN 1990:2002, table B.2."""
+BETA_OF_COLLAPSE, YEARS_OF_COLLAPSE = 3.8, 50.0
+"""Reliability index [1] of the collapse of an ordinary building (class RC2), and the time that
+it is of [years]. Source: EN 1990:2002, table B.2."""
+
+YEARS = re.compile(
+    r"(\d+(?:\.\d+)?|one|a|ein|eines)\s+(?:years?|Jahr(?:e[ns]?)?)", re.IGNORECASE
+)
+"""A number of years, as files state periods."""
 
 LEAST_SHARE = 0.1
 """Share of the variance [1] from which an input is worth learning more of. Source: without one
@@ -123,9 +129,8 @@ def reliability_page(
 
 
 def _method(one: Result, words: Words) -> str:
-    """Write the name of a method in full, with the key by which it is asked for."""
-    name = words.known(f"method.{one.method}")
-    return f"{name} ({one.method})" if name else one.method
+    """Write the name of a method in full."""
+    return words.known(f"method.{one.method}") or one.method
 
 
 def _probability(p: float, words: Words, digits: int = 3) -> str:
@@ -245,12 +250,14 @@ def _confidence(
         level = "low"
     ends = {"lo": words.number(lo), "hi": words.number(hi)}
     said = [words("reliability.confidence", cov=words.percent(cov, 2), **ends)]
-    if others and not agree:
-        said.append(words("reliability.none_within"))
+    if agree < len(others):
+        known = [one.interval or (one.probability, one.probability) for one in (best, *others)]
+        every = [words.number(end) for end in (min(map(min, known)), max(map(max, known)))]
+        said.append(words("reliability.outside", lo=every[0], hi=every[1]))
     for one, ratio in apart:
         way = "less" if one.probability < best.probability else "more"
         times = "∞" if math.isinf(ratio) else words.number(ratio, 2)
-        said.append(words(f"reliability.apart_{way}", method=one.method, times=times))
+        said.append(words(f"reliability.apart_{way}", method=_method(one, words), times=times))
     judged = verdict in ("kept", "exceeded")
     of_number = "" if judged else words(f"reliability.sure_{verdict}_{level}")
     return Confidence(level, " ".join(said), of_number)
@@ -283,18 +290,59 @@ def _weighed(best: Result, others: Sequence[Result], stated: Stated, words: Word
         return ""
     accepted = stated.accepted
     if accepted is None:
-        every = [one.probability for one in (best, *others)]
-        lo, hi = min(every), max(every)
-        factor = words.number(hi / lo, 2) if lo > 0.0 else "∞"
-        ends = {"lo": words.number(lo), "hi": words.number(hi)}
-        return words("reliability.weighed", factor=factor, **ends)
-    above = [one.method for one in others if one.probability > accepted]
-    below = [one.method for one in others if one.probability <= accepted]
+        return _other_results(best, others, words)
+    above = [_method(one, words) for one in others if one.probability > accepted]
+    below = [_method(one, words) for one in others if one.probability <= accepted]
     if not (above and below):
         same = "exceeded" if above else "kept"
         also = "_also" if _verdict(best, stated) == same else ""
         return words(f"reliability.weighed_{same}{also}")
     return words("reliability.weighed_mixed", above=", ".join(above), below=", ".join(below))
+
+
+def _other_results(best: Result, others: Sequence[Result], words: Words) -> str:
+    """List the probabilities of the other methods, and how far they are from the answer."""
+    p = sorted(one.probability for one in others)
+    texts = [words.number(one) for one in p]
+    if len(p) == 1:
+        told = words("reliability.others_one", listed=texts[0])
+    else:
+        listed = words("reliability.and", first=", ".join(texts[:-1]), last=texts[-1])
+        count = words.known(f"reliability.count_{len(p)}") or str(len(p))
+        told = words("reliability.others", n=count, listed=listed)
+    lower, higher = (
+        _times(*pair, words) for pair in ((best.probability, p[0]), (p[-1], best.probability))
+    )
+    if p[-1] <= best.probability:
+        return words("reliability.others_lower", told=told, factor=lower)
+    if p[0] >= best.probability:
+        return words("reliability.others_higher", told=told, factor=higher)
+    return words("reliability.others_both", told=told, lower=lower, higher=higher)
+
+
+def _times(above: float, below: float, words: Words) -> str:
+    return words.number(above / below, 2) if below > 0.0 else "∞"
+
+
+def _years_of(period: str) -> float | None:
+    """Read the number of years of a period; None of one that is not of years."""
+    found = YEARS.fullmatch(period.strip())
+    if found is None:
+        return None
+    return float(found[1]) if found[1][0].isdigit() else 1.0
+
+
+def _to_compare(best: Result, stated: Stated, words: Words) -> str:
+    """Say what EN 1990 aims at within the years of the period, where it is one of years."""
+    years = _years_of(stated.period)
+    if not years:
+        return words("reliability.do_decide")
+    # Years are taken to be independent, as the indices of table B.2 for 1 and 50 years are.
+    of_collapse = NormalDist().cdf(-BETA_OF_COLLAPSE)
+    usual = -math.expm1(years / YEARS_OF_COLLAPSE * math.log1p(-of_collapse))
+    ratio = _bound(best.probability / usual, words, 2)
+    aim = _probability(usual, words, 2)
+    return words("reliability.do_compare", usual=aim, ratio=ratio, years=words.number(years))
 
 
 def _actions(
@@ -305,14 +353,13 @@ def _actions(
     if verdict != "unstated" and (best.interval is not None or verdict == "exceeded"):
         yield words(f"reliability.do_{verdict}")
     for warning in best.warnings:
-        yield words("reliability.do_warning", method=best.method, warning=words.reason(warning))
+        yield words(
+            "reliability.do_warning", method=_method(best, words), warning=words.reason(warning)
+        )
     if best.interval is None:
         yield words("reliability.do_sample")
     if verdict == "unstated":
-        usual = NormalDist().cdf(-BETA_OF_COLLAPSE)
-        ratio = _bound(best.probability / usual, words, 2)
-        aim = _probability(usual, words, 2)
-        yield words("reliability.do_compare", usual=aim, ratio=ratio)
+        yield _to_compare(best, stated, words)
     point = next((one.design_points[0] for one in found if one.design_points), None)
     if point is not None:
         most = int(point.importance.argmax())

@@ -110,7 +110,7 @@ def state_page(
     ratio = _ratio(latest) if len(known) == 2 and not sure else None
     when, since = _when(latest, words), _since(reference, words)
     answers = [_answer(*one, when, since, words) for one in told]
-    if len(told) == 1 and sure:
+    if of_frequency(latest, changes):
         answers = [
             _answer("frequency", *_of_frequency(*told[0][:3]), when, since, words),
             _conditional(*told[0][:3], words),
@@ -121,7 +121,9 @@ def state_page(
     elif sure or ratio is not None:
         chance = min(sure) if ratio is None else ratio[2]
         told_p = words.probability(chance)
-        key = f"state.confidence_{told[0][0]}" if len(told) == 1 else "state.confidence"
+        way = "lost" if told[0][1] < 0 else "gained"
+        of_one = f"state.confidence_{told[0][0]}_{way}"
+        key = of_one if len(told) == 1 else "state.confidence"
         confidence = Confidence(level_of(chance), words(key, p=told_p))
     elif any(chance >= LIKELY for _, _, _, chance in known):
         told_p = words.probability(max(chance for _, _, _, chance in known))
@@ -157,11 +159,16 @@ def state_page(
             *[words("state.do_step")] * bool(steps),
             *_actions(latest, words, changed=bool(sure), tied=ratio is not None),
         ],
-        alternatives=list(
-            _alternatives(latest, wanted, ratio, words, changed=bool(sure) or ratio is not None)
-        ),
+        alternatives=list(_alternatives(latest, wanted, ratio, words)),
+        weighed=words("state.not_measured") if sure or ratio is not None else "",
         facts=list(_facts(name, states, words)),
     )
+
+
+def of_frequency(latest: State, changes: str) -> bool:
+    """Whether the answer is of the frequency: its change is certain, its cause supposed."""
+    wanted = _wanted(changes)
+    return len(wanted) == 1 and _certainty(latest[f"{wanted[0]}_change"])[2] >= SURE
 
 
 def _instant(state: State, words: Words) -> str:
@@ -323,6 +330,8 @@ def _actions(latest: State, words: Words, *, changed: bool, tied: bool) -> Itera
         yield words("state.do_plan")
     if tied:
         yield words("state.do_tell_apart")
+    if changed or tied:
+        yield words("state.do_commands")
 
 
 def _alternatives(
@@ -330,8 +339,6 @@ def _alternatives(
     wanted: Sequence[str],
     ratio: tuple[float, float, float] | None,
     words: Words,
-    *,
-    changed: bool,
 ) -> Iterator[Alternative]:
     """Give what else has the same frequency: (1 + k) / (1 + m) is what one mode knows."""
     keys: tuple[str, ...]
@@ -348,11 +355,10 @@ def _alternatives(
     for key in keys:
         size = value if key == "stiffness" else 1 / (1 + value) - 1
         error = sd if key == "stiffness" else sd / (1 + value) ** 2
-        shown, around = words.measured(100 * size, 100 * error)
-        name = words(f"state.alternative_{key}", size=shown, sd=around)
+        shown, around = words.measured(100 * abs(size), 100 * error)
+        way = "less" if size < 0 else "more"
+        name = words(f"state.{way}_{key}", size=shown, sd=around)
         yield Alternative(name, words("state.same_frequency"))
-    if changed:
-        yield Alternative(words("state.alternative_other"), words("state.other_unread"))
 
 
 def _facts(name: str, states: Sequence[State], words: Words) -> Iterator[tuple[str, str]]:
@@ -371,12 +377,21 @@ def _unit(unit: str, words: Words) -> str:
     return words("unit.units") if unit in ("", "units") else unit
 
 
+def _drawn(name: str, estimate: State, as_frequency: bool) -> State:
+    """Give an estimate as it is drawn: as the change of the frequency, or as it is."""
+    if not as_frequency:
+        return estimate
+    value, sd, _ = _of_frequency(name, float(estimate["value"]), float(estimate["sd"]))
+    return {"value": value, "sd": sd}
+
+
 def _picture(states: Sequence[State], changes: str, words: Words) -> Chart:
     traces: list[dict[str, Any]] = []
+    as_frequency = of_frequency(states[-1], changes)
     for name, colour in zip(_wanted(changes), ("#0b6fb8", "#b3541e"), strict=False):
         valid = [s for s in states if s["valid"] and s[f"{name}_change"] is not None]
         x = _dates(valid) or [state["slow_time"] for state in valid]
-        of = [state[f"{name}_change"] for state in valid]
+        of = [_drawn(name, state[f"{name}_change"], as_frequency) for state in valid]
         lo, hi = ([100 * (e["value"] + side * e["sd"]) for e in of] for side in (-1.96, 1.96))
         traces += [
             {
@@ -390,14 +405,14 @@ def _picture(states: Sequence[State], changes: str, words: Words) -> Chart:
                 "line": {"color": colour},
             },
         ]  # fmt: skip
-    what = words("state.both") if changes == "both" else words(f"state.{changes}")
+    what = words(f"state.{'frequency' if as_frequency else changes}")
     unit = _unit(states[-1]["slow_time_unit"] or "", words)
     title = words("state.axis_time", unit=unit)
     # Months as numbers are of no language.
     dated = {"title": {"text": words("state.date")}, "tickformat": "%Y-%m-%d", "nticks": 6}
     layout = {
         "xaxis": dated if _dates(states) else {"title": {"text": title}},
-        "yaxis": {"title": {"text": words("state.axis")}},
+        "yaxis": {"title": {"text": words("state.axis", what=what)}},
         "showlegend": len(_wanted(changes)) > 1,
     }
     return Chart(traces, layout, words("state.picture", what=what))
