@@ -119,13 +119,8 @@ def _definition(plan: Answer, words: Words) -> str:
     said = []
     now = failure.get("estimate")
     if now is not None:
-        size, sd = words.measured(100.0 * abs(now["value"]), 100.0 * now["sd"])
-        said.append(
-            words(
-                "plan.present_down" if now["value"] < 0 else "plan.present_up",
-                quantity=quantity, size=size, sd=sd, condition=_condition(plan, words),
-            )
-        )  # fmt: skip
+        told = {"quantity": quantity, "condition": _condition(plan, words)}
+        said.append(words("plan.present", **told))
     if last["lead_time"] > 0 and last["now_effect"] is not None:
         chance = words.probability(last["now_probability"])
         span = span_of(plan, last["now_effect"]["ahead"], words)
@@ -202,10 +197,12 @@ def _present(plan: Answer, words: Words) -> Iterator[str]:
     now = failure.get("estimate")
     if now is not None:
         way = "down" if now["value"] < 0 else "up"
+        size, sd = words.measured(100.0 * abs(now["value"]), 100.0 * now["sd"])
         yield words(
             f"plan.head_{way}_{failure['toward']}",
             quantity=quantity_in(plan, words),
-            size=words.number(100.0 * abs(now["value"]), 2),
+            size=size,
+            sd=sd,
             limit=words.percent(abs(failure["threshold"])),
         )
 
@@ -228,9 +225,7 @@ def _confidence(plan: Answer, words: Words) -> Confidence:
     exact = money_of(plan, apart["value"], words) == lo == hi
     key = "plan.confidence_exact" if exact else "plan.confidence"
     other, value = _compared(plan, words)[1], difference_of(plan, words)
-    told = " ".join(
-        [*_nearest(plan, words), words(key, other=other, value=value, lo=lo, hi=hi), risk]
-    )
+    told = f"{words(key, other=other, value=value, lo=lo, hi=hi)} {risk}"
     if not plan["decided"]:
         return Confidence("low", told, words("confidence.undecided"))
     level: Level = "high" if apart["lo"] > 0 else "medium"
@@ -243,14 +238,6 @@ def _against(plan: Answer) -> str:
     if plan["options"][0]["now"] == "wait":
         return "wait"
     return "act" if now.get(plan["difference"]["other"]) == "wait" else "other"
-
-
-def _nearest(plan: Answer, words: Words) -> Iterator[str]:
-    """Name the next cheapest option, where it is none of the two that are compared."""
-    for option in plan["options"][1:2]:
-        if option["words"] not in (plan["difference"]["other"], plan["difference"]["best"]):
-            name, value = option_words(option, plan, words), more_than_best(plan, option, words)
-            yield words("plan.nearest", name=name, value=value)
 
 
 def _risk(plan: Answer, words: Words) -> str:
