@@ -310,7 +310,7 @@ def _waits_for_threshold(plan: Answer) -> bool:
     """Whether a repair is ordered once the estimate reaches a value, before a last day."""
     last, best = plan["last_order"], plan["options"][0]
     ordered = best["name"] == "estimate_threshold" and last["lead_time"] > 0
-    return plan["decided"] and ordered and last["status"] == "due"
+    return bool(plan["decided"] and ordered and last["status"] == "due")
 
 
 def _order_at_threshold(plan: Answer, words: Words) -> str:
