@@ -2,6 +2,7 @@ import json
 
 import numpy as np
 import pytest
+import scipy
 
 from slowtime.dynamics.sdof.oscillator import Oscillator
 from slowtime.dynamics.sdof.response import free_response
@@ -178,10 +179,9 @@ def test_a_multisine_says_so_instead_of_listing_its_lines(run, text):
     assert "it repeats itself after 5 s, as a multisine does" in done.err
 
 
-@pytest.fixture
-def lossy(text):
+def record_with_gaps(text, seed):
     """Ten minutes of a mode at 3 Hz, 6 % lost in gaps of ten samples and more."""
-    rng, count, rate = np.random.default_rng(11), 15_000, 25.0
+    rng, count, rate = np.random.default_rng(seed), 15_000, 25.0
     sway = ambient_acceleration(Oscillator.from_modal(3.0, 0.02), count, rate, rng)
     present = np.ones(count, dtype=bool)
     while present.mean() > 0.94:
@@ -191,15 +191,24 @@ def lossy(text):
     return text(["time,a", *(f"{k / rate:.2f},{x}" for k, x in enumerate(cells))], "lossy.csv")
 
 
-def test_all_samples_count_where_some_are_missing(run, lossy):
-    done = run("identify", lossy, "--out", "-")
-    (mode,) = done.json["modes"]
-    assert abs(mode["frequency_hz"]["value"] - 3.0) < 3 * mode["frequency_hz"]["sd"]
-    assert abs(mode["damping_ratio"]["value"] - 0.02) < 3 * mode["damping_ratio"]["sd"]
-    assert mode["damping_ratio"]["sd"] < 0.004
-    assert mode["span_s"][1] - mode["span_s"][0] == pytest.approx(600.0, abs=1.0)
-    assert "bridged" in mode["flags"]
-    assert "All others are used" in done.err
+@pytest.fixture
+def lossy(text):
+    return record_with_gaps(text, 11)
+
+
+def test_all_samples_count_where_some_are_missing(run, text):
+    squares = []
+    for seed in (11, 12, 13, 14):
+        done = run("identify", record_with_gaps(text, seed), "--out", "-")
+        (mode,) = done.json["modes"]
+        for name, true in (("frequency_hz", 3.0), ("damping_ratio", 0.02)):
+            squares.append(((mode[name]["value"] - true) / mode[name]["sd"]) ** 2)
+        assert mode["damping_ratio"]["sd"] < 0.004
+        assert mode["span_s"][1] - mode["span_s"][0] == pytest.approx(600.0, abs=1.0)
+        assert "bridged" in mode["flags"]
+        assert "All others are used" in done.err
+    # Eight errors as large as stated, those of one unlucky record among them.
+    assert sum(squares) < scipy.stats.chi2.isf(0.01, len(squares))
 
 
 def test_advice_on_gaps_works_when_it_is_followed(run, refused, lossy):
