@@ -68,7 +68,7 @@ def diagnosis_page(
         definition=changes_in_words(changes_of(diagnosis.nominal, diagnosis.augmented), words),
         confidence=_confidence(document, alike, words),
         measured=measured_on(measured, words),
-        actions=list(dict.fromkeys(_actions(diagnosis, document, words))),
+        actions=list(dict.fromkeys(_actions(diagnosis, document, alike, words))),
         alternatives=[*_rivals(document, words), *alike],
         beside=_beside(document, alike, words),
         improvement=Improvement(
@@ -216,7 +216,9 @@ def _alike_places(document: DiagnosisFile, words: Words) -> list[Alternative]:
     return every
 
 
-def _actions(diagnosis: Diagnosis, document: DiagnosisFile, words: Words) -> Iterator[str]:
+def _actions(
+    diagnosis: Diagnosis, document: DiagnosisFile, alike: Sequence[Alternative], words: Words
+) -> Iterator[str]:
     joined = {element.id for element in diagnosis.nominal.elements}
     ended = document.ended
     absurd = absurd_changes(changes_of(diagnosis.nominal, diagnosis.augmented))
@@ -246,6 +248,9 @@ def _actions(diagnosis: Diagnosis, document: DiagnosisFile, words: Words) -> Ite
             unit=moved.unit,
         )
     if document.verdict == "missing_effect":
+        if alike:
+            other = "; ".join(one.name for one in alike)
+            yield words("diagnosis.do_rule_out", other=other)
         for effect in document.effects:
             place = place_in(effect.where, words)
             if effect.where.kind in ("sensor", "input"):
@@ -255,7 +260,7 @@ def _actions(diagnosis: Diagnosis, document: DiagnosisFile, words: Words) -> Ite
             stated = effect.where.kind != "element" or effect.where.id in joined
             key = "diagnosis.do_inspect" if stated else "diagnosis.do_join"
             yield words(key, place=place)
-        yield words("diagnosis.do_use")
+        yield words("diagnosis.do_use_then" if alike else "diagnosis.do_use")
     elif document.verdict == "parameters_only":
         yield words("diagnosis.do_refit")
     elif document.verdict == "nothing_missing":

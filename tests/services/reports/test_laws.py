@@ -407,6 +407,11 @@ def test_places_that_only_the_law_tells_apart_stand_beside_the_answer(scores, na
     said = f"sure of its kind only if this is ruled out: {name}."
     assert page.confidence.said.endswith(said if name else "")
     assert page.confidence.level == ("high" if name is None else "medium")
+    todo = [one for one in page.actions if one.startswith(("Rule out", "Inspect", "Once that"))]
+    assert [one.split()[0] for one in todo] == (
+        ["Rule", "Inspect", "Once"] if name else ["Inspect"]
+    )
+    assert name is None or todo[0].startswith(f"Rule out first: {name}.")
 
 
 @pytest.mark.parametrize(
