@@ -6,6 +6,7 @@ import logging
 from pathlib import Path
 from typing import NamedTuple
 
+from slowtime_services.documents.json_documents import read_json
 from slowtime_services.link_profiles import (
     CONNECTION_BYTES,
     KEEP_ALIVE_BYTES,
@@ -118,7 +119,7 @@ class LinkBudget:
 
 def _read(path: Path) -> tuple[str, float]:
     try:
-        content = json.loads(path.read_text())
+        content = read_json(path.read_text())
         return str(content["month"]), float(content["bytes"])
     except FileNotFoundError:
         return "", 0.0

@@ -2,11 +2,11 @@
 
 import base64
 import http.client
-import json
 import ssl
 from collections.abc import Iterator
 from urllib.parse import urlencode, urlsplit
 
+from slowtime_services.documents.json_documents import read_json
 from slowtime_services.outputs.batch import Batch, NotSentError
 from slowtime_services.outputs.secret_files import secret_of, user_and_password
 from slowtime_services.outputs.settings import InfluxSettings
@@ -116,7 +116,7 @@ def _message(said: bytes) -> str:
     """Return the reason of a refusal, without its JSON where it has some."""
     text = said.decode(errors="replace").strip()
     try:
-        told = json.loads(text)
+        told = read_json(text)
         text = str(told.get("message") or told.get("error") or text)
     except (ValueError, AttributeError):
         pass

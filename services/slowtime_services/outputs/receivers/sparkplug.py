@@ -5,13 +5,13 @@ References
 Eclipse Foundation, "Sparkplug Specification" 3.0.0: sections 4 (topics), 5 (session), 6.4.
 """
 
-import json
 import threading
 import time
 from collections.abc import Callable, Iterator
 
 from slowtime_schemas.answers.history import EventModel
 from slowtime_schemas.answers.twins import RegisteredTwin, State
+from slowtime_services.documents.json_documents import read_json
 from slowtime_services.outputs.batch import Batch, NotSentError
 from slowtime_services.outputs.quantities import Quantity, quantities_of
 from slowtime_services.outputs.settings import SparkplugSettings
@@ -90,7 +90,7 @@ class _HostState:
     def hear(self, payload: bytes) -> None:
         """Take over a STATE message; one that is none says nothing."""
         try:
-            told = json.loads(payload)
+            told = read_json(payload)
             is_online, since_ms = told["online"] is True, int(told.get("timestamp", 0))
         except (ValueError, TypeError, KeyError, AttributeError):
             return
