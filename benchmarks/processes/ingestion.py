@@ -8,8 +8,6 @@ the same run, receives by bare Zenoh and appends to one table of SQLite: nothing
 import itertools
 import sqlite3
 import statistics
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -24,7 +22,7 @@ from twin_server.pipeline import Pipeline
 from twin_server.settings import TwinSettings
 
 from . import throughput
-from .transport import free_port
+from .transport import running_router
 
 FLEETS = (1, 100, 1_000)
 BATCH = 1_000
@@ -114,17 +112,8 @@ def median_us(work: Callable[[], object]) -> float:
 def main() -> None:
     """Print processor time of a message, and its ratio to the floor."""
     collect_less_often()
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    router = subprocess.Popen(
-        [sys.executable, "-m", "slowtime_cli", "router", "--listen", endpoint],
-        stdout=subprocess.DEVNULL,
-    )
-    try:
-        time.sleep(2.0)
+    with running_router() as endpoint:
         received = received_us(endpoint)
-    finally:
-        router.terminate()
-        router.wait()
     with tempfile.TemporaryDirectory() as folder:
         appended = appended_us(Path(folder))
         floor = received + appended

@@ -42,7 +42,7 @@ from twin_server.persist import SqliteStore
 from twin_server.pipeline import Pipeline
 from twin_server.settings import TwinSettings
 
-from .transport import bare_config, free_port, seconds
+from .transport import bare_config, free_port, running_router, seconds
 
 ASSETS = 100
 EACH, FIRST = 425, 25
@@ -349,22 +349,13 @@ def hold(twins: int, database: Path) -> None:
 
 def main() -> None:
     """Print all ratios."""
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    router = subprocess.Popen(
-        [sys.executable, "-m", "slowtime_cli", "router", "--listen", endpoint],
-        stdout=subprocess.DEVNULL,
-    )
-    try:
-        time.sleep(2.0)
+    with running_router() as endpoint:
         with tempfile.TemporaryDirectory() as folder:
             compare_throughput(endpoint, Path(folder))
             compare_latency(endpoint, Path(folder))
             tell_memory(Path(folder))
         tell_wire()
         compare_estimates()
-    finally:
-        router.terminate()
-        router.wait()
 
 
 if __name__ == "__main__":

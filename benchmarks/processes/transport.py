@@ -4,6 +4,7 @@
 part costs nothing beside the library's; the aim stands beside it.
 """
 
+import contextlib
 import itertools
 import math
 import multiprocessing
@@ -11,10 +12,12 @@ import multiprocessing.connection
 import socket
 import statistics
 import struct
+import subprocess
+import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import zenoh
@@ -348,6 +351,22 @@ def free_port() -> int:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]
     return port
+
+
+@contextlib.contextmanager
+def running_router() -> Iterator[str]:
+    """Run a router of this machine, and give its endpoint."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    router = subprocess.Popen(
+        [sys.executable, "-m", "slowtime_cli", "router", "--listen", endpoint],
+        stdout=subprocess.DEVNULL,
+    )
+    try:
+        time.sleep(2.0)
+        yield endpoint
+    finally:
+        router.terminate()
+        router.wait()
 
 
 def bare_config(endpoint: str) -> zenoh.Config:
